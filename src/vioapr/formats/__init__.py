@@ -1,0 +1,1 @@
+"""Foreign trajectory formats, one module each; conventions are converted here only."""

@@ -1,0 +1,50 @@
+"""Helpers for code that runs on any Array API backend (NumPy, PyTorch, traced PyTorch)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import array_api_compat
+import numpy as np
+
+Array = Any
+"""An array of any backend that follows the Python Array API standard."""
+
+
+def namespace(*arrays: Array) -> Any:
+    """The Array API namespace that the arrays belong to."""
+    return array_api_compat.array_namespace(*arrays, use_compat=None)
+
+
+def constant(values: np.ndarray | float, like: Array) -> Array:
+    """`values` as an array with the namespace, dtype and device of `like`."""
+    xp = namespace(like)
+    if array_api_compat.is_numpy_namespace(xp):
+        return np.asarray(values, dtype=like.dtype)
+    return xp.asarray(
+        np.asarray(values).tolist(), dtype=like.dtype, device=array_api_compat.device(like)
+    )
+
+
+def zeros(shape: tuple[int, ...], like: Array) -> Array:
+    """Zeros with the namespace, dtype and device of `like`."""
+    return namespace(like).zeros(shape, dtype=like.dtype, device=array_api_compat.device(like))
+
+
+def norm(vectors: Array) -> Array:
+    """Euclidean length over the last axis, shape (..., n) to (...)."""
+    xp = namespace(vectors)
+    return xp.sqrt(xp.sum(vectors * vectors, axis=-1))
+
+
+def select(condition: Array, if_true: Array, if_false: Array) -> Array:
+    """`where` for values that have more trailing axes than the condition.
+
+    Args:
+        condition: Booleans, shape (...).
+        if_true: Values, shape (...) followed by any axes.
+        if_false: Values, likewise.
+    """
+    xp = namespace(condition, if_true)
+    trailing = if_true.ndim - condition.ndim
+    return xp.where(xp.reshape(condition, condition.shape + (1,) * trailing), if_true, if_false)

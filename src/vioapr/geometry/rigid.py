@@ -1,0 +1,94 @@
+"""Rigid transforms `target_from_source`, batched, on any Array API backend."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vioapr.geometry import quaternion
+from vioapr.geometry.arrays import Array, constant, namespace, norm, select, zeros
+
+
+class Rigid3(NamedTuple):
+    """A rigid transform target_from_source: p_target = R p_source + t.
+
+    Of a camera's `world_from_cam`, the translation is the camera's position in the world.
+
+    Attributes:
+        translation_m: Shape (..., 3), metres, in the target frame.
+        quat_xyzw: Shape (..., 4), unit, Hamilton.
+    """
+
+    translation_m: Array
+    quat_xyzw: Array
+
+    def __matmul__(self, other: Rigid3) -> Rigid3:
+        """Compose: `a_from_b @ b_from_c` is a_from_c."""
+        return Rigid3(
+            self.apply(other.translation_m), quaternion.multiply(self.quat_xyzw, other.quat_xyzw)
+        )
+
+    def inverse(self) -> Rigid3:
+        """source_from_target."""
+        source_from_target = quaternion.inverse(self.quat_xyzw)
+        return Rigid3(
+            -quaternion.rotate(source_from_target, self.translation_m), source_from_target
+        )
+
+    def apply(self, points_m: Array) -> Array:
+        """Coordinates of points in the target frame, from those in the source, (..., 3)."""
+        return quaternion.rotate(self.quat_xyzw, points_m) + self.translation_m
+
+    def to_matrix(self) -> Array:
+        """The homogeneous matrix, shape (..., 4, 4)."""
+        xp = namespace(self.translation_m)
+        rotation = quaternion.to_matrix(self.quat_xyzw)
+        top = xp.concat([rotation, self.translation_m[..., None]], axis=-1)
+        bottom = constant(np.array([[0.0, 0.0, 0.0, 1.0]]), top) + 0 * top[..., :1, :]
+        return xp.concat([top, bottom], axis=-2)
+
+    @staticmethod
+    def from_matrix(matrix: Array) -> Rigid3:
+        """From homogeneous matrices, shape (..., 4, 4) or (..., 3, 4)."""
+        return Rigid3(matrix[..., :3, 3], quaternion.from_matrix(matrix[..., :3, :3]))
+
+    @staticmethod
+    def identity(batch_shape: tuple[int, ...] = (), *, like: Array | None = None) -> Rigid3:
+        """Identity transforms in the backend, dtype and device of `like` (NumPy float64)."""
+        like = np.zeros(()) if like is None else like
+        translation = zeros((*batch_shape, 3), like)
+        quat = zeros((*batch_shape, 4), like) + constant(np.array([0.0, 0.0, 0.0, 1.0]), like)
+        return Rigid3(translation, quat)
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The leading axes."""
+        return tuple(self.translation_m.shape[:-1])
+
+    def at(self, index: object) -> Rigid3:
+        """The transforms at an index of the leading axes."""
+        return Rigid3(self.translation_m[index], self.quat_xyzw[index])
+
+
+def choose(condition: Array, if_true: Rigid3, if_false: Rigid3) -> Rigid3:
+    """Elementwise choice, condition of shape (...) over transforms of shape (...)."""
+    return Rigid3(*(select(condition, a, b) for a, b in zip(if_true, if_false, strict=True)))
+
+
+def distance_m(left: Rigid3, right: Rigid3) -> Array:
+    """Distance between the source origins, both in the same target frame, shape (...)."""
+    return norm(left.translation_m - right.translation_m)
+
+
+def angle_deg(left: Rigid3, right: Rigid3) -> Array:
+    """Angle of the relative rotation in degrees, shape (...)."""
+    return quaternion.angle_between_deg(left.quat_xyzw, right.quat_xyzw)
+
+
+def interpolate(start: Rigid3, end: Rigid3, fraction: Array) -> Rigid3:
+    """Positions linearly, rotations along the shorter arc; fraction of shape (...)."""
+    translation = start.translation_m + fraction[..., None] * (
+        end.translation_m - start.translation_m
+    )
+    return Rigid3(translation, quaternion.slerp(start.quat_xyzw, end.quat_xyzw, fraction))

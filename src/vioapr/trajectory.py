@@ -1,0 +1,256 @@
+"""Trajectories: timed poses of one device, their association and their interpolation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vioapr.errors import AssociationError, ParameterError
+from vioapr.geometry import rigid
+from vioapr.geometry.rigid import Rigid3
+
+UNIT_TOLERANCE = 0.01
+"""How far from 1 a quaternion's norm may be: text files round to 3 digits and more."""
+
+DEFAULT_TOLERANCE_S = 0.01
+"""Frames of two trajectories whose timestamps differ by more are different frames."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses target_from_source over time; by default world_from_cam, cam in OpenCV axes.
+
+    Attributes:
+        timestamps_s: Shape (n,), strictly increasing, seconds. Where the source has no clock
+            (`is_timed` false), the row's index.
+        positions_m: Origin of the source frame in the target frame, shape (n, 3), metres.
+        quats_xyzw: Rotation target_from_source, shape (n, 4), Hamilton, unit.
+        names: Image names, one a pose, or None.
+        is_timed: Whether the timestamps are seconds of a clock.
+        target: Name of the target frame, e.g. "world" or "vio".
+        source: Name of the source frame, e.g. "cam".
+    """
+
+    timestamps_s: NDArray[np.float64]
+    positions_m: NDArray[np.float64]
+    quats_xyzw: NDArray[np.float64]
+    names: tuple[str, ...] | None = None
+    is_timed: bool = True
+    target: str = "world"
+    source: str = "cam"
+
+    def __post_init__(self) -> None:
+        problem = find_problem(
+            self.timestamps_s, self.positions_m, self.quats_xyzw, names=self.names
+        )
+        if problem is not None:
+            row, what = problem
+            place = "" if row is None else f"pose {row + 1}: "
+            raise ParameterError(f"not a trajectory: {place}{what}")
+        norms = np.linalg.norm(self.quats_xyzw, axis=1, keepdims=True)
+        object.__setattr__(self, "quats_xyzw", self.quats_xyzw / norms)
+
+    @staticmethod
+    def from_arrays(
+        timestamps_s: ArrayLike,
+        positions_m: ArrayLike,
+        quats_xyzw: ArrayLike,
+        names: Sequence[str] | None = None,
+        *,
+        is_timed: bool = True,
+        target: str = "world",
+        source: str = "cam",
+    ) -> Trajectory:
+        """From anything that NumPy can read as arrays; see the attributes."""
+        return Trajectory(
+            np.asarray(timestamps_s, dtype=np.float64),
+            np.asarray(positions_m, dtype=np.float64),
+            np.asarray(quats_xyzw, dtype=np.float64),
+            None if names is None else tuple(names),
+            is_timed,
+            target,
+            source,
+        )
+
+    def __len__(self) -> int:
+        return len(self.timestamps_s)
+
+    @property
+    def target_from_source(self) -> Rigid3:
+        """The poses as one batch of transforms, shape (n,)."""
+        return Rigid3(self.positions_m, self.quats_xyzw)
+
+    def with_transforms(self, target_from_source: Rigid3) -> Trajectory:
+        """The same times and names with other poses."""
+        return replace(
+            self,
+            positions_m=target_from_source.translation_m,
+            quats_xyzw=target_from_source.quat_xyzw,
+        )
+
+    def at_rows(self, rows: NDArray[np.integer] | slice) -> Trajectory:
+        """The poses of the given rows, which must be in increasing order."""
+        names = self.names
+        if names is not None:
+            names = tuple(names[rows]) if isinstance(rows, slice) else tuple(names[i] for i in rows)
+        return replace(
+            self,
+            timestamps_s=self.timestamps_s[rows],
+            positions_m=self.positions_m[rows],
+            quats_xyzw=self.quats_xyzw[rows],
+            names=names,
+        )
+
+    def interpolate(self, timestamps_s: ArrayLike) -> Trajectory:
+        """Poses at other times: positions linearly, rotations along the shorter arc.
+
+        Args:
+            timestamps_s: Strictly increasing, within the first and last timestamp.
+
+        Raises:
+            ParameterError: A time outside; nothing is extrapolated.
+        """
+        times = np.asarray(timestamps_s, dtype=np.float64)
+        first, last = self.timestamps_s[0], self.timestamps_s[-1]
+        outside = (times < first) | (times > last)
+        if outside.any():
+            raise ParameterError(
+                f"cannot interpolate at {times[outside][0]:.6f} s: the trajectory covers "
+                f"{first:.6f} s to {last:.6f} s"
+            )
+        after = np.clip(np.searchsorted(self.timestamps_s, times), 1, max(len(self) - 1, 1))
+        after = np.minimum(after, len(self) - 1)
+        before = np.maximum(after - 1, 0)
+        duration = self.timestamps_s[after] - self.timestamps_s[before]
+        fraction = (times - self.timestamps_s[before]) / np.where(duration > 0, duration, 1.0)
+        poses = self.target_from_source
+        between = rigid.interpolate(poses.at(before), poses.at(after), fraction)
+        return replace(
+            self,
+            timestamps_s=times,
+            positions_m=between.translation_m,
+            quats_xyzw=between.quat_xyzw,
+            names=None,
+        )
+
+
+def find_problem(
+    timestamps_s: NDArray[np.float64],
+    positions_m: NDArray[np.float64],
+    quats_xyzw: NDArray[np.float64],
+    *,
+    names: Sequence[str] | None = None,
+) -> tuple[int | None, str] | None:
+    """What keeps rows from being a trajectory: (0-based row or None, problem), or None.
+
+    Readers use it to name the line of a file; see the attributes of `Trajectory`.
+    """
+    count = len(timestamps_s)
+    shapes = (timestamps_s.shape, positions_m.shape, quats_xyzw.shape)
+    if shapes != ((count,), (count, 3), (count, 4)):
+        return None, f"expected shapes (n,), (n, 3), (n, 4), got {shapes}"
+    if count == 0:
+        return None, "expected at least one pose, got none"
+    if names is not None and len(names) != count:
+        return None, f"expected {count} names, one a pose, got {len(names)}"
+    return _find_bad_row(timestamps_s, np.column_stack([positions_m, quats_xyzw]))
+
+
+def _find_bad_row(
+    timestamps_s: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[int, str] | None:
+    """The first row with a value that is not finite, not unit, or not later than the last."""
+    finite = np.isfinite(values).all(axis=1) & np.isfinite(timestamps_s)
+    with np.errstate(invalid="ignore", over="ignore"):
+        norms = np.sqrt((values[:, 3:] ** 2).sum(axis=1))
+        is_unit = np.abs(norms - 1) <= UNIT_TOLERANCE
+        is_later = np.concatenate([[True], np.diff(timestamps_s) > 0])
+    bad = ~(finite & is_unit & is_later)
+    if not bad.any():
+        return None
+    row = int(np.argmax(bad))
+    if not finite[row]:
+        return row, "expected finite numbers, got NaN or inf"
+    if not is_unit[row]:
+        return row, f"expected a unit quaternion, got one of norm {norms[row]:.6g}"
+    now, before = timestamps_s[row], timestamps_s[row - 1]
+    relation = "a duplicate of" if now == before else "earlier than"
+    return row, (
+        f"expected increasing timestamps, got {now:.6f} s, {relation} the one before "
+        f"({before:.6f} s)"
+    )
+
+
+@dataclass(frozen=True)
+class Association:
+    """Pairs of rows of two trajectories: left_rows[k] belongs to right_rows[k]."""
+
+    left_rows: NDArray[np.intp]
+    right_rows: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.left_rows)
+
+
+def associate(
+    left: Trajectory, right: Trajectory, tolerance_s: float = DEFAULT_TOLERANCE_S
+) -> Association:
+    """Pair the frames of two trajectories one to one.
+
+    By image name where one of them has no clock, otherwise by timestamp: two frames are a
+    pair if each is the other's nearest in time and they are within the tolerance.
+
+    Args:
+        left: A trajectory.
+        right: Another, of the same walk and on the same clock.
+        tolerance_s: Largest difference of timestamps within a pair, s.
+
+    Returns:
+        The pairs, in order of time; possibly none.
+
+    Raises:
+        AssociationError: One has no clock, and not both have names.
+        ParameterError: The tolerance is negative or not a number.
+    """
+    if not tolerance_s >= 0:
+        raise ParameterError(f"expected a time tolerance of at least 0 s, got {tolerance_s}")
+    if left.is_timed and right.is_timed:
+        return _associate_by_time(left.timestamps_s, right.timestamps_s, tolerance_s)
+    if left.names is None or right.names is None:
+        raise AssociationError(
+            "cannot pair the trajectories: "
+            "one has no timestamps and not both have image names to go by"
+        )
+    return _associate_by_name(left.names, right.names)
+
+
+def _associate_by_name(left: Sequence[str], right: Sequence[str]) -> Association:
+    row_of = {name: row for row, name in enumerate(right)}
+    pairs = [(row, row_of[name]) for row, name in enumerate(left) if name in row_of]
+    array = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return Association(array[:, 0], array[:, 1])
+
+
+def _associate_by_time(
+    left_s: NDArray[np.float64], right_s: NDArray[np.float64], tolerance_s: float
+) -> Association:
+    nearest_right = nearest_rows(left_s, right_s)
+    nearest_left = nearest_rows(right_s, left_s)
+    left_rows = np.arange(len(left_s))
+    is_mutual = nearest_left[nearest_right] == left_rows
+    # A nanosecond of slack: a difference of exactly the tolerance must not hang on rounding.
+    is_close = np.abs(left_s - right_s[nearest_right]) <= tolerance_s + 1e-9
+    chosen = is_mutual & is_close
+    return Association(left_rows[chosen], nearest_right[chosen])
+
+
+def nearest_rows(times_s: NDArray[np.float64], among_s: NDArray[np.float64]) -> NDArray[np.intp]:
+    """For every time, the row of the nearest of some increasing times."""
+    after = np.clip(np.searchsorted(among_s, times_s), 1, max(len(among_s) - 1, 1))
+    after = np.minimum(after, len(among_s) - 1)
+    before = np.maximum(after - 1, 0)
+    before_is_nearer = times_s - among_s[before] <= among_s[after] - times_s
+    return np.where(before_is_nearer, before, after)
