@@ -76,6 +76,20 @@ def choose(condition: Array, if_true: Rigid3, if_false: Rigid3) -> Rigid3:
     return Rigid3(*(select(condition, a, b) for a, b in zip(if_true, if_false, strict=True)))
 
 
+def between(target_from_a: Rigid3, target_from_b: Rigid3) -> Rigid3:
+    """a_from_b of two poses in one target frame.
+
+    The same as `target_from_a.inverse() @ target_from_b`, but it subtracts positions before
+    it turns them, which keeps single precision exact far from the target's origin.
+    """
+    a_from_target = quaternion.inverse(target_from_a.quat_xyzw)
+    offset = target_from_b.translation_m - target_from_a.translation_m
+    return Rigid3(
+        quaternion.rotate(a_from_target, offset),
+        quaternion.multiply(a_from_target, target_from_b.quat_xyzw),
+    )
+
+
 def distance_m(left: Rigid3, right: Rigid3) -> Array:
     """Distance between the source origins, both in the same target frame, shape (...)."""
     return norm(left.translation_m - right.translation_m)

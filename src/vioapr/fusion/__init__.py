@@ -1,0 +1,1 @@
+"""Fusion of absolute pose predictions with odometry: methods, streaming and offline."""

@@ -1,0 +1,160 @@
+"""Period alignment (paper, section 3.3): a run of confirmed predictions gives a reference."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from vioapr.fusion.gaps import relative_gap
+from vioapr.fusion.types import FrameInput
+from vioapr.geometry.arrays import Array, constant, namespace, select, zeros
+from vioapr.geometry.averaging import geometric_median, mean_quaternion
+from vioapr.geometry.rigid import Rigid3, between, choose
+
+_NEWEST = (..., 0, slice(None))
+"""Index of the newest pose in a run."""
+
+
+class CheckerParams(Protocol):
+    """The parameters of the relative pose checker; numbers, or arrays of the batch shape."""
+
+    @property
+    def distance_threshold_m(self) -> Array | float:
+        """The paper's d_th."""
+        ...
+
+    @property
+    def angle_threshold_deg(self) -> Array | float:
+        """The paper's o_th."""
+        ...
+
+    @property
+    def run_pairs(self) -> Array | float:
+        """The paper's N."""
+        ...
+
+
+class Run(NamedTuple):
+    """The latest consecutive predictions whose neighbours passed the checker.
+
+    Attributes:
+        apr_world_from_cam: Shape (..., capacity), newest first.
+        vio_from_cam: Shape (..., capacity), newest first.
+        length: Shape (...), how many of them count; a float, for the deployed graph.
+    """
+
+    apr_world_from_cam: Rigid3
+    vio_from_cam: Rigid3
+    length: Array
+
+
+class Reference(NamedTuple):
+    """A pair of mean poses that ties the two worlds together (the paper's P-bar).
+
+    Attributes:
+        apr_world_from_cam: Mean of a run's predictions.
+        vio_from_cam: Mean of the same frames' VIO poses.
+        is_known: Shape (...), whether there is a reference.
+    """
+
+    apr_world_from_cam: Rigid3
+    vio_from_cam: Rigid3
+    is_known: Array
+
+    def world_from_vio(self) -> Rigid3:
+        """The rigid transform between the worlds (Algorithm 1, lines 1-3)."""
+        return self.apr_world_from_cam @ self.vio_from_cam.inverse()
+
+    def place(self, vio_from_cam: Rigid3) -> Rigid3:
+        """world_from_cam of a tracked pose (Algorithm 1, lines 4-5).
+
+        Relative to the reference, not through world_from_vio: far from the tracking world's
+        origin that keeps single precision exact enough.
+        """
+        return self.apr_world_from_cam @ between(self.vio_from_cam, vio_from_cam)
+
+
+def empty_run(batch_shape: tuple[int, ...], capacity: int, like: Array) -> Run:
+    """A run without poses."""
+    poses = Rigid3.identity((*batch_shape, capacity), like=like)
+    return Run(poses, poses, zeros(batch_shape, like))
+
+
+def no_reference(batch_shape: tuple[int, ...], like: Array) -> Reference:
+    """A reference that is not known."""
+    identity = Rigid3.identity(batch_shape, like=like)
+    return Reference(identity, identity, zeros(batch_shape, like) > 0)
+
+
+def passes_checker(
+    params: CheckerParams,
+    apr_from_a: Rigid3,
+    vio_from_a: Rigid3,
+    frame: FrameInput,
+) -> Array:
+    """Whether a frame's motion since pose a is the same for regressor and VIO, shape (...)."""
+    gap = relative_gap(apr_from_a, frame.apr_world_from_cam, vio_from_a, frame.vio_from_cam)
+    return (gap.distance_m <= params.distance_threshold_m) & (
+        gap.angle_deg <= params.angle_threshold_deg
+    )
+
+
+def extend_run(params: CheckerParams, run: Run, frame: FrameInput) -> Run:
+    """Add a frame to the run; where it disagrees with the newest, start again from it."""
+    agrees = passes_checker(
+        params, run.apr_world_from_cam.at(_NEWEST), run.vio_from_cam.at(_NEWEST), frame
+    )
+    one = namespace(run.length).ones_like(run.length)
+    continues = agrees & (run.length > 0)
+    return Run(
+        _push(run.apr_world_from_cam, frame.apr_world_from_cam),
+        _push(run.vio_from_cam, frame.vio_from_cam),
+        select(continues, run.length + one, one),
+    )
+
+
+def _push(newest_first: Rigid3, pose: Rigid3) -> Rigid3:
+    """Put a pose in front and drop the oldest."""
+    xp = namespace(pose.translation_m)
+    return Rigid3(
+        *(
+            xp.concat([new[..., None, :], buffer[..., :-1, :]], axis=-2)
+            for new, buffer in zip(pose, newest_first, strict=True)
+        )
+    )
+
+
+def reference_from_run(params: CheckerParams, run: Run) -> Reference:
+    """Geometric median and mean rotation of the run's N + 1 newest poses, in both worlds."""
+    xp = namespace(run.length)
+    capacity = run.vio_from_cam.batch_shape[-1]
+    index = xp.cumulative_sum(xp.ones_like(run.vio_from_cam.translation_m[..., 0]), axis=-1)
+    size = xp.ones_like(run.length) * params.run_pairs + 1
+    weights = xp.astype(index <= size[..., None], run.length.dtype)
+    # Both worlds in one batch: half as many operations.
+    positions = xp.stack([run.apr_world_from_cam.translation_m, run.vio_from_cam.translation_m])
+    quats = xp.stack([run.apr_world_from_cam.quat_xyzw, run.vio_from_cam.quat_xyzw])
+    weights = xp.broadcast_to(weights, (2, *run.length.shape, capacity))
+    newest = positions[..., 0, :]
+    medians = newest + geometric_median(positions - newest[..., None, :], weights)
+    means = mean_quaternion(quats, weights)
+    return Reference(
+        Rigid3(medians[0, ...], means[0, ...]),
+        Rigid3(medians[1, ...], means[1, ...]),
+        xp.ones_like(run.length) > 0,
+    )
+
+
+def choose_reference(condition: Array, if_true: Reference, if_false: Reference) -> Reference:
+    """Elementwise choice between references."""
+    return Reference(
+        choose(condition, if_true.apr_world_from_cam, if_false.apr_world_from_cam),
+        choose(condition, if_true.vio_from_cam, if_false.vio_from_cam),
+        select(condition, if_true.is_known, if_false.is_known),
+    )
+
+
+def hide_unless(condition: Array, pose: Rigid3) -> Rigid3:
+    """The pose where the condition holds, NaN elsewhere."""
+    nan = constant(float("nan"), pose.translation_m)
+    unknown = Rigid3(*(namespace(part).zeros_like(part) + nan for part in pose))
+    return choose(condition, pose, unknown)

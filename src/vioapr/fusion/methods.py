@@ -1,0 +1,22 @@
+"""All fusion methods. A new one is a new module and a line here."""
+
+from __future__ import annotations
+
+from vioapr.errors import ParameterError
+from vioapr.fusion import apr, vio, vio_apr
+from vioapr.fusion.types import Method
+
+METHODS: dict[str, Method] = {module.METHOD.name: module.METHOD for module in (apr, vio, vio_apr)}
+
+DEFAULT_METHOD = vio_apr.METHOD.name
+
+
+def get_method(name: str) -> Method:
+    """The method of a name.
+
+    Raises:
+        ParameterError: There is none; the message lists them.
+    """
+    if name not in METHODS:
+        raise ParameterError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")
+    return METHODS[name]

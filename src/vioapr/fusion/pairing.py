@@ -1,0 +1,115 @@
+"""From the two trajectories of a walk to the frames that a fusion method steps through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import AssociationError
+from vioapr.fusion.types import FrameInput
+from vioapr.geometry.rigid import Rigid3
+from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
+
+
+@dataclass(frozen=True, eq=False)
+class PairedFrames:
+    """The frames of one walk, in order of time.
+
+    A frame is a pose of the tracker, with or without a prediction, or a prediction at a time
+    when the tracker had no pose.
+
+    Attributes:
+        inputs: Frames, batch shape (n,).
+        names: Image names, or None.
+    """
+
+    inputs: FrameInput
+    names: tuple[str, ...] | None = None
+
+    def __len__(self) -> int:
+        return len(self.inputs.timestamp_s)
+
+    @property
+    def timestamps_s(self) -> NDArray[np.float64]:
+        """Shape (n,), strictly increasing, seconds."""
+        return self.inputs.timestamp_s
+
+
+def pair_frames(
+    apr: Trajectory, vio: Trajectory, tolerance_s: float = DEFAULT_TOLERANCE_S
+) -> PairedFrames:
+    """Merge a walk's predictions and its VIO poses into frames.
+
+    A prediction without a VIO pose within the tolerance becomes a frame whose tracking is not
+    ok. With such a frame the tracker counts as lost, as a phone would report it.
+
+    Args:
+        apr: world_from_cam, predicted.
+        vio: vio_from_cam, tracked.
+        tolerance_s: Largest difference of timestamps within a frame, s.
+
+    Raises:
+        AssociationError: No prediction has a VIO pose.
+    """
+    pairs = associate(vio, apr, tolerance_s)
+    if not len(pairs):
+        raise AssociationError(_explain_no_pairs(apr, vio, tolerance_s))
+    alone = np.setdiff1d(np.arange(len(apr)), pairs.right_rows)
+    if not (apr.is_timed and vio.is_timed):
+        alone = alone[:0]  # without a clock there is no telling where they belong
+    count = len(vio) + len(alone)
+    vio_row = np.concatenate([np.arange(len(vio)), np.full(len(alone), -1)])
+    apr_row = np.full(count, -1)
+    apr_row[pairs.left_rows] = pairs.right_rows
+    apr_row[len(vio) :] = alone
+    times = np.concatenate([vio.timestamps_s, apr.timestamps_s[alone]])
+    order = np.argsort(times, kind="stable")
+    vio_row, apr_row, times = vio_row[order], apr_row[order], times[order]
+    inputs = FrameInput(
+        times,
+        _rows_or_identity(apr, apr_row),
+        apr_row >= 0,
+        _rows_or_identity(vio, vio_row),
+        vio_row >= 0,
+        np.zeros(count, dtype=bool),
+    )
+    return PairedFrames(inputs, _names(apr, vio, apr_row, vio_row))
+
+
+def _rows_or_identity(trajectory: Trajectory, rows: NDArray[np.intp]) -> Rigid3:
+    """The poses of some rows, the identity for row -1."""
+    poses = trajectory.target_from_source.at(rows)
+    missing = (rows < 0)[:, None]
+    return Rigid3(
+        np.where(missing, 0.0, poses.translation_m),
+        np.where(missing, np.array([0.0, 0.0, 0.0, 1.0]), poses.quat_xyzw),
+    )
+
+
+def _names(
+    apr: Trajectory, vio: Trajectory, apr_row: NDArray[np.intp], vio_row: NDArray[np.intp]
+) -> tuple[str, ...] | None:
+    """The prediction's image name where it has one, else the tracker's."""
+    if apr.names is None and vio.names is None:
+        return None
+    apr_names, vio_names = apr.names or ("",) * len(apr), vio.names or ("",) * len(vio)
+    return tuple(
+        apr_names[a] if a >= 0 else vio_names[v] for a, v in zip(apr_row, vio_row, strict=True)
+    )
+
+
+def _explain_no_pairs(apr: Trajectory, vio: Trajectory, tolerance_s: float) -> str:
+    if not (apr.is_timed and vio.is_timed):
+        assert apr.names is not None  # else `associate` has raised
+        assert vio.names is not None
+        return (
+            "no prediction has a VIO pose: the image names have nothing in common, "
+            f"e.g. {apr.names[0]!r} and {vio.names[0]!r}"
+        )
+    spans = [f"{t.timestamps_s[0]:.3f} to {t.timestamps_s[-1]:.3f} s" for t in (apr, vio)]
+    return (
+        f"no prediction has a VIO pose within {tolerance_s} s: predictions cover {spans[0]}, "
+        f"VIO {spans[1]}; both must use one clock"
+    )

@@ -1,0 +1,113 @@
+"""What goes into a fusion step and what comes out of it, and what a fusion method is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from vioapr.geometry.arrays import Array
+from vioapr.geometry.rigid import Rigid3
+
+
+class Status(IntEnum):
+    """Where a frame's pose comes from (paper, Figure 2)."""
+
+    UNLOCALIZED = 0
+    """No pose: nothing is known yet, or the tracker is lost. The pose is NaN."""
+    TRACKED = 1
+    """Carried by VIO from the last reference."""
+    KEYFRAME = 2
+    """The regressor's pose, which VIO confirms."""
+    OPTIMIZED = 3
+    """The regressor's pose was replaced by one that the method computed."""
+    PREDICTED = 4
+    """The regressor's pose, unchecked (method `apr`)."""
+
+    @property
+    def label(self) -> str:
+        """The name in files and tables."""
+        return self.name.lower()
+
+
+class FrameInput(NamedTuple):
+    """One frame of one or more walks; every field has the same leading batch axes (...).
+
+    Where `has_apr` or `tracking_ok` is false, the values of that pose do not matter but must
+    be finite (use the identity).
+
+    Attributes:
+        timestamp_s: Shape (...), seconds.
+        apr_world_from_cam: The regressor's prediction.
+        has_apr: Shape (...), whether there is one.
+        vio_from_cam: The tracker's pose, in a tracking world of its own.
+        tracking_ok: Shape (...), whether the tracker knows its pose.
+        tracking_reset: Shape (...), whether the tracker's world is a new one from this frame
+            on. A frame without tracking implies it for the next one.
+    """
+
+    timestamp_s: Array
+    apr_world_from_cam: Rigid3
+    has_apr: Array
+    vio_from_cam: Rigid3
+    tracking_ok: Array
+    tracking_reset: Array
+
+    def at(self, index: object) -> FrameInput:
+        """The frames at an index of the leading axes."""
+        return FrameInput(
+            self.timestamp_s[index],
+            self.apr_world_from_cam.at(index),
+            self.has_apr[index],
+            self.vio_from_cam.at(index),
+            self.tracking_ok[index],
+            self.tracking_reset[index],
+        )
+
+
+class Estimate(NamedTuple):
+    """A frame's pose, as known when the frame arrived (the live view).
+
+    Attributes:
+        world_from_cam: The pose; NaN while unlocalized.
+        world_from_vio: Where the tracking world lies in the map; apply it to content that is
+            anchored to the map. NaN while unknown.
+        status: Shape (...), integers of `Status`.
+        confirmed_run: Shape (...), integers: n says that this and the n - 1 predictions
+            before it have just been confirmed as keyframes (the retrospective view).
+        sigma_position_m: Shape (...), standard deviation per axis in metres, or None where
+            the method has none.
+        sigma_orientation_deg: Shape (...), likewise in degrees.
+    """
+
+    world_from_cam: Rigid3
+    world_from_vio: Rigid3
+    status: Array
+    confirmed_run: Array
+    sigma_position_m: Array | None = None
+    sigma_orientation_deg: Array | None = None
+
+
+@dataclass(frozen=True)
+class Method:
+    """A fusion method: a pure step on explicit state, registered in `methods.py`.
+
+    Attributes:
+        name: Name on the command line.
+        summary: One line for people.
+        params_type: Frozen dataclass of the parameters, all with defaults.
+        init: From parameters, batch shape and an array that gives backend and dtype, the
+            state before the first frame.
+        step: From parameters, state and a frame, the next state and the estimate.
+        is_batched: Whether leading batch axes are allowed; if not, the batch shape is ().
+        extra: The optional package group that it needs, if any.
+    """
+
+    name: str
+    summary: str
+    params_type: type
+    init: Callable[[Any, tuple[int, ...], Array], Any]
+    step: Callable[[Any, Any, FrameInput], tuple[Any, Estimate]]
+    is_batched: bool = True
+    extra: str | None = None
