@@ -59,7 +59,7 @@ def run_steps(method: Method, params: Any, frames: FrameInput, *, tick: Tick = N
     state = method.init(params, tuple(frames.timestamp_s.shape[1:]), frames.timestamp_s)
     estimates = []
     for index in range(frames.timestamp_s.shape[0]):
-        state, estimate = method.step(params, state, frames.at(index))
+        state, estimate = method.step(params, state, frames.at((index, ...)))
         estimates.append(estimate)
         if tick is not None:
             tick()

@@ -22,7 +22,7 @@ def step(
     # Never counting down keeps the method in pose optimization, so it never aligns again.
     kept = next_state.reference.is_known
     xp = namespace(estimate.status)
-    tracked = xp.where(frame.tracking_ok & kept, estimate.status * 0 + Status.TRACKED, 0)
+    tracked = xp.where(frame.tracking_ok & kept, estimate.status * 0 + int(Status.TRACKED), 0)
     frames_left = next_state.frames_left * 0 + xp.astype(kept, next_state.frames_left.dtype)
     placed = estimate.world_from_vio @ frame.vio_from_cam
     return next_state._replace(frames_left=frames_left), estimate._replace(

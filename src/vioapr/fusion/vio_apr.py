@@ -154,16 +154,16 @@ def _status(
     """Integers of `Status`, shape (...)."""
     xp = namespace(state.frames_left)
     unlocalized = xp.astype(state.frames_left * 0, xp.int32)
-    status = xp.where(is_placed, unlocalized + Status.TRACKED, unlocalized)
-    status = xp.where(is_optimizing, unlocalized + Status.OPTIMIZED, status)
-    return xp.where(is_keyframe, unlocalized + Status.KEYFRAME, status)
+    status = xp.where(is_placed, unlocalized + int(Status.TRACKED), unlocalized)
+    status = xp.where(is_optimizing, unlocalized + int(Status.OPTIMIZED), status)
+    return xp.where(is_keyframe, unlocalized + int(Status.KEYFRAME), status)
 
 
 def _confirmed_run(params: VioAprParams, status: Array, completes: Array) -> Array:
     """How many predictions this frame confirms: the run's, 1 for any other keyframe."""
     xp = namespace(status)
     size = xp.astype(status * 0 + params.run_pairs + 1, xp.int32)
-    is_keyframe = xp.astype(status == Status.KEYFRAME, xp.int32)
+    is_keyframe = xp.astype(status == int(Status.KEYFRAME), xp.int32)
     return xp.where(completes, size, is_keyframe)
 
 

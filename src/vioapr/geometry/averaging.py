@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vioapr.geometry.arrays import Array, namespace, norm
+from vioapr.geometry.arrays import Array, constant, namespace
 from vioapr.geometry.quaternion import longest_row, normalize
 
 WEISZFELD_ITERATIONS = 40
@@ -30,18 +30,17 @@ def geometric_median(
         Shape (..., 3).
     """
     xp = namespace(points_m)
-    tiny = xp.finfo(points_m.dtype).tiny ** 0.25
-
-    def weighted_mean(weights: Array) -> Array:
-        total = xp.sum(weights, axis=-1, keepdims=True)
-        return xp.sum(points_m * weights[..., None], axis=-2) / total
-
-    median = weighted_mean(weights)
+    tiny = constant(xp.finfo(points_m.dtype).smallest_normal ** 0.25, points_m)
+    # With a 1 appended to the points, one product gives the weighted sum and the weights' sum.
+    ones = xp.ones_like(points_m[..., :1])
+    homogeneous = xp.concat([points_m, ones], axis=-1)
+    total = weights[..., None, :] @ homogeneous
     for _ in range(iterations):
+        offsets = points_m - total[..., :3] / total[..., 3:]
+        distances = xp.sqrt(xp.vecdot(offsets, offsets))
         # A point that coincides with the estimate gets a huge weight instead of infinity.
-        distances = norm(points_m - median[..., None, :])
-        median = weighted_mean(weights / xp.clip(distances, tiny, None))
-    return median
+        total = (weights / xp.maximum(distances, tiny))[..., None, :] @ homogeneous
+    return (total[..., :3] / total[..., 3:])[..., 0, :]
 
 
 def mean_quaternion(quats_xyzw: Array, weights: Array) -> Array:

@@ -1,0 +1,7 @@
+"""`python -m vioapr`."""
+
+import sys
+
+from vioapr.cli import main
+
+sys.exit(main())

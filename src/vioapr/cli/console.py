@@ -1,0 +1,40 @@
+"""What the command line prints with: one console, progress bars and the tables."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+# Tables must not be cut where the output goes to a file or a pipe.
+_WIDTH = None if sys.stdout.isatty() else max(160, shutil.get_terminal_size().columns)
+
+console = Console(width=_WIDTH, highlight=False)
+error_console = Console(stderr=True, highlight=False)
+
+
+@contextmanager
+def progress(title: str, total: int) -> Iterator[Callable[[], None]]:
+    """A progress bar with ETA on standard error; yields a function to call at every step."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("ETA"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=error_console, transient=True) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda: bar.advance(task)

@@ -1,0 +1,111 @@
+"""`vioapr evaluate`: the paper's tables and figures for any walks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.table import Table
+
+from vioapr.cli.console import console, progress
+from vioapr.cli.method_params import MethodParams, parse_methods
+from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
+from vioapr.evaluation.formatting import format_levels, format_median, format_p95, format_share
+from vioapr.evaluation.report import count_report_ticks, write_report
+from vioapr.evaluation.tables import Group, group_results, to_csv, to_json
+from vioapr.evaluation.walks import find_walks, load_cases
+from vioapr.formats.base import write_text
+from vioapr.fusion.offline import View
+from vioapr.trajectory import DEFAULT_TOLERANCE_S
+
+
+def evaluate(
+    walks: tyro.conf.Positional[tuple[Path, ...]],
+    methods: str = "apr,vio,vio-apr",
+    json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    csv_out: Annotated[Path | None, tyro.conf.arg(name="csv")] = None,
+    report: Path | None = None,
+    view: View = "retrospective",
+    tolerance_s: float = DEFAULT_TOLERANCE_S,
+    params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
+) -> None:
+    """Fuse walks and compare the poses with ground truth, in the paper's tables and figures.
+
+    Every folder at or below the given paths that holds a file gt.*, at least one vio_<name>.*
+    and at least one apr_<name>.* is a walk; the folder above it names its set. Figures are
+    means over walks of each walk's own, and always say which share of the frames they cover
+    and what the raw regressor gets on the same frames.
+
+    Args:
+        walks: Folders to search.
+        methods: Methods to run, separated by commas: apr, vio, vio-apr, mapnet-pgo,
+            pose-graph.
+        json_out: JSON to write: the tables, and every walk's own figures.
+        csv_out: CSV to write: a row a frame that has ground truth, with its pose and errors.
+        report: Folder to write an HTML page with tables and figures to (index.html).
+        view: retrospective: predictions that later prove right count as keyframes, as in the
+            paper's tables. live: what was known when each frame arrived.
+        tolerance_s: Largest difference of timestamps within a frame, s.
+        params: Parameters of the methods.
+    """
+    chosen = parse_methods(methods, params)
+    folders = find_walks(walks)
+    with progress("reading walks", len(folders)) as tick:
+        cases = load_cases(folders, tolerance_s=tolerance_s, tick=tick)
+    with progress("fusing", count_ticks(cases, list(chosen))) as tick:
+        results = evaluate_cases(cases, chosen, view=view, tick=tick)
+    groups = group_results(results)
+    print_tables(groups)
+    if json_out is not None:
+        write_text(json_out, json.dumps(to_json(groups), indent=1) + "\n")
+    if csv_out is not None:
+        write_text(csv_out, to_csv(results))
+    if report is not None:
+        publish(groups, report, title="Localization report")
+
+
+def publish(groups: Sequence[Group], folder: Path, *, title: str) -> None:
+    """Write the report and say where it is."""
+    with progress("drawing figures", count_report_ticks(groups)) as tick:
+        page = write_report(groups, folder, title=title, tick=tick)
+    console.print(f"report: {page.resolve()}", soft_wrap=True)
+
+
+def print_tables(groups: Sequence[Group]) -> None:
+    """The tables of all groups, and how to read them."""
+    for group in groups:
+        console.print(_make_table(group))
+    console.print(
+        "Errors: position m / orientation deg, means over walks of each walk's median and 95th "
+        "percentile. Levels: % within 0.25 m, 2 deg / 0.5 m, 5 deg / 5 m, 10 deg. "
+        "raw: the regressor alone on the same frames.",
+        soft_wrap=True,
+    )
+
+
+def _make_table(group: Group) -> Table:
+    cases = f"{group.cases} walk{'s' if group.cases != 1 else ''}"
+    table = Table(title=f"{group.title}: {cases}", title_justify="left")
+    for header in ("method", "frames"):
+        table.add_column(header, no_wrap=True)
+    for header in ("share %", "median", "raw", "p95", "raw", "levels %", "raw"):
+        table.add_column(header, justify="right", no_wrap=True)
+    previous = ""
+    for row in group.rows:
+        if previous and row.method != previous:
+            table.add_section()
+        table.add_row(
+            row.method if row.method != previous else "",
+            row.subset,
+            format_share(row.fused),
+            *(
+                figures(summary)
+                for figures in (format_median, format_p95, format_levels)
+                for summary in (row.fused, row.raw)
+            ),
+        )
+        previous = row.method
+    return table

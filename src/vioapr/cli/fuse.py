@@ -1,0 +1,97 @@
+"""`vioapr fuse`: one walk from files to a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from vioapr.cli.console import console, progress
+from vioapr.cli.method_params import MethodParams, params_for
+from vioapr.formats import tum
+from vioapr.formats.base import write_text
+from vioapr.formats.registry import read_trajectory
+from vioapr.fusion.methods import DEFAULT_METHOD, get_method
+from vioapr.fusion.offline import FusedWalk, View, fuse_walk
+from vioapr.fusion.pairing import pair_frames
+from vioapr.fusion.types import Status
+from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory
+
+
+def fuse(
+    apr: Path,
+    vio: Path,
+    out: Path,
+    method: str = DEFAULT_METHOD,
+    tum_out: Annotated[Path | None, tyro.conf.arg(name="tum")] = None,
+    view: View = "retrospective",
+    tolerance_s: float = DEFAULT_TOLERANCE_S,
+    apr_format: str | None = None,
+    vio_format: str | None = None,
+    params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
+) -> None:
+    """Fuse a walk's predicted poses with its tracked ones into a robust pose for every frame.
+
+    Both files may be of any format that `vioapr inspect` knows, gzipped or not, with one
+    clock. The map's poses come out in the axes in which the predictions came in.
+
+    Args:
+        apr: Poses that a regressor (or any absolute localizer) predicted: world_from_cam, m.
+        vio: Poses that the phone tracked: vio_from_cam, m, in a world of its own.
+        out: CSV to write, a row a frame: timestamp_s,status,x,y,z,qx,qy,qz,qw and, where the
+            method has them, sigma_position_m,sigma_orientation_deg. Unlocalized frames have
+            nan.
+        method: How to fuse: apr, vio, vio-apr, mapnet-pgo or pose-graph.
+        tum_out: TUM file to write too, with the localized frames.
+        view: retrospective: predictions that later prove right count as keyframes, as in the
+            paper's tables. live: what was known when each frame arrived.
+        tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
+        apr_format: Format of the predictions, if it is not recognized.
+        vio_format: Format of the VIO poses, if it is not recognized.
+        params: Parameters of the methods.
+    """
+    chosen, chosen_params = get_method(method), params_for(method, params)
+    frames = pair_frames(
+        read_trajectory(apr, apr_format), read_trajectory(vio, vio_format), tolerance_s
+    )
+    with progress(f"fusing by {method}", len(frames)) as tick:
+        fused = fuse_walk(chosen, chosen_params, frames, view=view, tick=tick)
+    write_text(out, to_csv(fused))
+    console.print(f"{out}: {_describe(fused)}")
+    if tum_out is not None:
+        _write_tum(tum_out, fused)
+
+
+def to_csv(fused: FusedWalk) -> str:
+    """A row a frame; all digits."""
+    header = "timestamp_s,status,x,y,z,qx,qy,qz,qw"
+    columns = [*fused.world_from_cam]
+    if fused.sigma_position_m is not None and fused.sigma_orientation_deg is not None:
+        header += ",sigma_position_m,sigma_orientation_deg"
+        columns += [fused.sigma_position_m[:, None], fused.sigma_orientation_deg[:, None]]
+    numbers = np.concatenate(columns, axis=1).tolist()
+    lines = [
+        ",".join([repr(time), Status(status).label, *map(repr, row)])
+        for time, status, row in zip(
+            fused.timestamps_s.tolist(), fused.status.tolist(), numbers, strict=True
+        )
+    ]
+    return "\n".join([header, *lines]) + "\n"
+
+
+def _describe(fused: FusedWalk) -> str:
+    counts = {status.label: int((fused.status == status).sum()) for status in Status}
+    parts = [f"{count} {label}" for label, count in counts.items() if count]
+    return f"{len(fused)} frames: {', '.join(parts)}"
+
+
+def _write_tum(path: Path, fused: FusedWalk) -> None:
+    rows = fused.is_localized
+    if not rows.any():
+        console.print(f"{path}: not written, no frame was localized")
+        return
+    poses = fused.world_from_cam.at(rows)
+    tum.write(path, Trajectory(fused.timestamps_s[rows], *poses))
+    console.print(f"{path}: {rows.sum()} localized frames")

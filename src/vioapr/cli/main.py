@@ -1,0 +1,96 @@
+"""The entry point: parses, runs a verb, and turns users' errors into one line and exit code 2."""
+
+from __future__ import annotations
+
+import functools
+import io
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr
+from typing import Any
+
+import tyro
+
+from vioapr.cli.convert import convert
+from vioapr.cli.demo import demo
+from vioapr.cli.evaluate import evaluate
+from vioapr.cli.fuse import fuse
+from vioapr.cli.inspect import inspect
+from vioapr.errors import VioAprError
+
+VERBS: dict[str, Callable[..., Any]] = {
+    "inspect": inspect,
+    "convert": convert,
+    "fuse": fuse,
+    "evaluate": evaluate,
+    "demo": demo,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Without the program's name; None for the process's own.
+
+    Returns:
+        Exit code: 0, or 2 where the user can mend what is wrong.
+    """
+    try:
+        command = _parse(sys.argv[1:] if arguments is None else list(arguments))
+        command()
+        sys.stdout.flush()
+    except VioAprError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parse(arguments: list[str]) -> Callable[[], Any]:
+    """The verb with its arguments, not yet run, so that only parsing errors are rewritten."""
+    messages = io.StringIO()
+    try:
+        with redirect_stderr(messages):
+            return tyro.extras.subcommand_cli_from_dict(
+                {name: _deferred(verb) for name, verb in VERBS.items()},
+                prog="vioapr",
+                description=(
+                    "Robust absolute poses from a pose regressor and a phone's visual-inertial "
+                    "odometry."
+                ),
+                args=arguments or ["--help"],
+            )
+    except SystemExit as stop:
+        if stop.code in (0, None):
+            raise
+        raise VioAprError(_one_line(messages.getvalue())) from None
+
+
+def _deferred(verb: Callable[..., Any]) -> Callable[..., Callable[[], Any]]:
+    @functools.wraps(verb)
+    def bind(*args: Any, **kwargs: Any) -> Callable[[], Any]:
+        return functools.partial(verb, *args, **kwargs)
+
+    return bind
+
+
+def _one_line(box: str) -> str:
+    """The message out of the parser's box of several lines."""
+    lines = [re.sub(r"^[│╭╰]\s?|\s*[│╮╯]$", "", line) for line in box.splitlines()]
+    sections: list[list[str]] = [[]]
+    for line in lines[1:]:
+        if line.startswith("──"):
+            sections.append([])
+        else:
+            sections[-1].append(line.strip())
+    parts = [" ".join(section).strip() for section in sections]
+    kept = [parts[0], *(part for part in parts[1:] if part.startswith("Available"))]
+    return "; ".join(part.rstrip(".") for part in kept if part) + " (see vioapr --help)"

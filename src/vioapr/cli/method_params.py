@@ -1,0 +1,49 @@
+"""The parameters of every registered method as flags of the command line."""
+
+from __future__ import annotations
+
+from dataclasses import field, make_dataclass
+from typing import Any
+
+import tyro
+
+from vioapr.errors import ParameterError
+from vioapr.fusion.methods import METHODS, get_method
+
+_PARAMS_TYPES = list(dict.fromkeys(method.params_type for method in METHODS.values()))
+
+MethodParams: Any = make_dataclass(
+    "MethodParams",
+    [
+        (kind.__name__, tyro.conf.OmitArgPrefixes[kind], field(default_factory=kind))
+        for kind in _PARAMS_TYPES
+        if kind.__dataclass_fields__
+    ],
+    frozen=True,
+)
+"""A field for each type of parameters; a newly registered method's flags appear by themselves."""
+
+
+def params_for(name: str, params: Any) -> Any:
+    """A method's own parameters out of `MethodParams`.
+
+    Raises:
+        ParameterError: There is no method of that name.
+    """
+    kind = get_method(name).params_type
+    return getattr(params, kind.__name__, None) or kind()
+
+
+def parse_methods(names: str, params: Any) -> dict[str, Any]:
+    """Methods of a comma-separated list, each with its parameters.
+
+    Raises:
+        ParameterError: The list is empty, or has an unknown or repeated name.
+    """
+    listed = [name.strip() for name in names.split(",") if name.strip()]
+    if not listed:
+        raise ParameterError(f"--methods: expected names from {', '.join(METHODS)}, got none")
+    repeated = {name for name in listed if listed.count(name) > 1}
+    if repeated:
+        raise ParameterError(f"--methods: {', '.join(sorted(repeated))} is named twice")
+    return {name: params_for(name, params) for name in listed}

@@ -1,0 +1,1 @@
+"""From fused walks to metrics, tables, figures and a report."""

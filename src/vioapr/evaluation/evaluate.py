@@ -1,0 +1,106 @@
+"""Running methods over walks and collecting their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.evaluation.metrics import PoseErrors, pose_errors
+from vioapr.evaluation.walks import Case
+from vioapr.fusion.methods import get_method
+from vioapr.fusion.offline import FusedWalk, View, fuse_walks
+from vioapr.fusion.types import Status
+from vioapr.geometry.rigid import Rigid3
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a method made of a case. All arrays are over the case's frames with ground truth.
+
+    Attributes:
+        case: The walk, odometry and regressor.
+        method: The method's name.
+        timestamps_s: Shape (n,).
+        gt_world_from_cam: Shape (n,).
+        world_from_cam: The estimates, shape (n,); NaN where unlocalized.
+        status: Shape (n,), integers of `Status`.
+        errors: The estimates' errors, shape (n,).
+        raw_errors: The raw predictions' errors on the same frames, shape (n,); NaN where a
+            frame has no prediction.
+        sigma_position_m: Shape (n,), per axis, or None where the method has none.
+        sigma_orientation_deg: Shape (n,), or None.
+    """
+
+    case: Case
+    method: str
+    timestamps_s: NDArray[np.float64]
+    gt_world_from_cam: Rigid3
+    world_from_cam: Rigid3
+    status: NDArray[np.integer]
+    errors: PoseErrors
+    raw_errors: PoseErrors
+    sigma_position_m: NDArray[np.float64] | None = None
+    sigma_orientation_deg: NDArray[np.float64] | None = None
+
+    def has_status(self, *statuses: Status) -> NDArray[np.bool_]:
+        """Shape (n,), the frames with one of the statuses."""
+        return np.isin(self.status, statuses)
+
+
+def evaluate_cases(
+    cases: Sequence[Case],
+    params_of_method: Mapping[str, Any],
+    *,
+    view: View = "retrospective",
+    tick: Callable[[], object] | None = None,
+) -> list[Result]:
+    """Fuse every case with every method.
+
+    Args:
+        cases: From `load_cases`.
+        params_of_method: The methods' names, each with its parameters.
+        view: See `vioapr.fusion.offline.View`.
+        tick: Called as often as `count_ticks` says, for progress.
+
+    Returns:
+        For each method, in order, a result a case.
+    """
+    results = []
+    for name, params in params_of_method.items():
+        walks = [case.frames for case in cases]
+        fused = fuse_walks(get_method(name), params, walks, view=view, tick=tick)
+        results += [_judge(case, name, walk) for case, walk in zip(cases, fused, strict=True)]
+    return results
+
+
+def count_ticks(cases: Sequence[Case], methods: Sequence[str]) -> int:
+    """How often `evaluate_cases` calls its tick."""
+    lengths = [len(case.frames) for case in cases]
+    return sum(
+        max(lengths, default=0) if get_method(name).is_batched else sum(lengths) for name in methods
+    )
+
+
+def _judge(case: Case, method: str, fused: FusedWalk) -> Result:
+    rows = case.has_gt
+    gt = case.gt_world_from_cam.at(rows)
+    inputs = case.frames.inputs
+    raw = pose_errors(gt, inputs.apr_world_from_cam.at(rows))
+    has_apr = inputs.has_apr[rows]
+    estimate = fused.world_from_cam.at(rows)
+    sigmas = (fused.sigma_position_m, fused.sigma_orientation_deg)
+    return Result(
+        case,
+        method,
+        fused.timestamps_s[rows],
+        gt,
+        estimate,
+        fused.status[rows],
+        pose_errors(gt, estimate),
+        PoseErrors(*(np.where(has_apr, error, np.nan) for error in raw)),
+        *(None if sigma is None else sigma[rows] for sigma in sigmas),
+    )

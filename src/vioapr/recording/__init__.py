@@ -1,0 +1,1 @@
+"""What a phone captured, and walks that are simulated."""
