@@ -1,0 +1,110 @@
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
+from vioapr.evaluation.metrics import summarize
+from vioapr.evaluation.tables import CSV_COLUMNS, group_results, to_csv, to_json
+from vioapr.evaluation.walks import find_walks, load_cases
+from vioapr.fusion.methods import get_method
+from vioapr.fusion.types import Status
+
+METHODS = ("apr", "vio", "vio-apr")
+
+
+@pytest.fixture(scope="module")
+def cases(walks_dir):
+    return load_cases(find_walks([walks_dir]))
+
+
+@pytest.fixture(scope="module")
+def results(cases):
+    return evaluate_cases(cases, {name: get_method(name).params_type() for name in METHODS})
+
+
+@pytest.fixture(scope="module")
+def groups(results):
+    return group_results(results)
+
+
+def test_a_result_for_every_method_and_case(cases, results):
+    assert len(results) == len(METHODS) * len(cases)
+    ticks = []
+    params = {name: get_method(name).params_type() for name in METHODS}
+    evaluate_cases(cases, params, tick=lambda: ticks.append(1))
+    assert len(ticks) == count_ticks(cases, METHODS)
+
+
+def test_groups_join_the_draws_of_an_odometry(groups):
+    assert [(g.set_name, g.vio, g.apr, g.cases) for g in groups] == [
+        ("SetA", "sim", "bad", 4), ("SetA", "sim", "good", 4),
+        ("SetB", "sim", "bad", 2), ("SetB", "sim", "good", 2),
+    ]  # fmt: skip
+
+
+def test_rows_are_the_papers_subsets_and_all_frames(groups):
+    rows = [(row.method, row.subset) for row in groups[1].rows]
+    assert rows == [
+        ("apr", "all frames"),
+        ("vio", "all frames"),
+        ("vio-apr", "only keyframes"),
+        ("vio-apr", "only optimized"),
+        ("vio-apr", "keyframes + optimized"),
+        ("vio-apr", "all frames"),
+    ]
+
+
+def test_figures_are_means_over_walks(groups):
+    group = groups[1]
+    row = next(r for r in group.rows if r.subset == "only keyframes")
+    summaries = [
+        summarize(r.errors, r.status == Status.KEYFRAME)
+        for r in group.results
+        if r.method == "vio-apr"
+    ]
+    assert row.fused.median_m == pytest.approx(np.mean([s.median_m for s in summaries]))
+    assert row.fused.share == pytest.approx(np.mean([s.share for s in summaries]))
+
+
+def test_keyframes_equal_the_raw_regressor_on_the_same_frames(groups):
+    row = next(r for r in groups[1].rows if r.subset == "only keyframes")
+    np.testing.assert_allclose(row.fused, row.raw)
+
+
+def test_raw_is_judged_on_the_same_frames(groups):
+    for row in groups[1].rows:
+        assert row.raw.share == pytest.approx(row.fused.share)
+    everything = groups[1].rows[0]
+    np.testing.assert_allclose(everything.fused, groups[1].raw)
+
+
+def test_shares_of_keyframes_and_optimized_add_up(groups):
+    shares = {row.subset: row.fused.share for row in groups[1].rows if row.method == "vio-apr"}
+    assert shares["keyframes + optimized"] == pytest.approx(
+        shares["only keyframes"] + shares["only optimized"]
+    )
+    assert shares["all frames"] >= shares["keyframes + optimized"]
+
+
+def test_json_is_plain_and_complete(groups):
+    data = json.loads(json.dumps(to_json(groups), allow_nan=False))
+    assert data[1]["apr"] == "good"
+    assert data[1]["rows"][2]["subset"] == "only keyframes"
+    assert data[1]["rows"][2]["fused"]["median_m"] == groups[1].rows[2].fused.median_m
+    walk = data[1]["walks"][0]
+    assert walk["frames"] == sum(walk["statuses"].values())
+
+
+def test_csv_has_a_row_a_frame(results):
+    rows = list(csv.DictReader(io.StringIO(to_csv(results))))
+    assert ",".join(rows[0]) == CSV_COLUMNS
+    assert len(rows) == sum(len(r.status) for r in results)
+    fused = [r for r in rows if r["method"] == "vio-apr" and r["status"] == "unlocalized"]
+    assert fused
+    assert all(r["x"] == "nan" and r["position_error_m"] == "nan" for r in fused)
+    assert rows[0]["set"] == "SetA"
+    assert rows[0]["vio"] == "sim0"
+    assert float(rows[0]["position_error_m"]) == results[0].errors.position_m[0]
