@@ -41,7 +41,13 @@ def demo(out: Path = Path("vioapr-demo"), walks: int = 5, seed: int = 0) -> None
         groups = group_results(evaluate_cases(cases, methods, tick=tick))
     print_tables(groups)
     console.print(f"walks: {(out / 'Simulated').resolve()}", soft_wrap=True)
-    publish(groups, out / "report", title="vioapr on simulated walks")
+    publish(
+        groups,
+        out / "report",
+        title="vioapr on simulated walks",
+        params_of_method=methods,
+        view="retrospective",
+    )
 
 
 def _write_walk(folder: Path, seed: int) -> None:

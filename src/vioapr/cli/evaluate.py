@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import date
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.table import Table
@@ -64,13 +67,29 @@ def evaluate(
     if csv_out is not None:
         write_text(csv_out, to_csv(results))
     if report is not None:
-        publish(groups, report, title="Localization report")
+        publish(groups, report, title="Localization report", params_of_method=chosen, view=view)
 
 
-def publish(groups: Sequence[Group], folder: Path, *, title: str) -> None:
+def publish(
+    groups: Sequence[Group],
+    folder: Path,
+    *,
+    title: str,
+    params_of_method: Mapping[str, Any],
+    view: View,
+) -> None:
     """Write the report and say where it is."""
     with progress("drawing figures", count_report_ticks(groups)) as tick:
-        page = write_report(groups, folder, title=title, tick=tick)
+        page = write_report(
+            groups,
+            folder,
+            title=title,
+            command=shlex.join(["vioapr", *sys.argv[1:]]),
+            params_of_method=params_of_method,
+            view=view,
+            date=date.today().isoformat(),
+            tick=tick,
+        )
     console.print(f"report: {page.resolve()}", soft_wrap=True)
 
 
@@ -91,7 +110,7 @@ def _make_table(group: Group) -> Table:
     table = Table(title=f"{group.title}: {cases}", title_justify="left")
     for header in ("method", "frames"):
         table.add_column(header, no_wrap=True)
-    for header in ("share %", "median", "raw", "p95", "raw", "levels %", "raw"):
+    for header in ("share", "median", "raw", "p95", "raw", "levels %", "raw"):
         table.add_column(header, justify="right", no_wrap=True)
     previous = ""
     for row in group.rows:

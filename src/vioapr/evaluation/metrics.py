@@ -1,4 +1,4 @@
-"""Pose errors and their summaries (paper, equations 1-16 and section 6)."""
+"""Pose errors and their summaries (paper, equations 1-18 and section 6)."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class PoseErrors(NamedTuple):
     """Absolute pose errors, shape (..., n); NaN where there is no estimate.
 
     Attributes:
-        position_m: APE, the distance between the positions (equation 15).
-        orientation_deg: AOE, the angle between the orientations (equation 16).
+        position_m: APE, the distance between the positions (equations 15 and 17).
+        orientation_deg: AOE, the angle between the orientations (equations 16 and 18).
     """
 
     position_m: NDArray[np.float64]

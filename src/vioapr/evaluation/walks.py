@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import AssociationError, FormatError, VioAprError
+from vioapr.errors import AssociationError, FormatError, ParameterError, VioAprError
 from vioapr.formats.registry import read_trajectory
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
@@ -76,8 +76,10 @@ def find_walks(paths: Sequence[Path]) -> list[WalkFolder]:
     """All walk folders at or below the given paths, in natural order.
 
     Raises:
-        VioAprError: A path is missing, or has no walks.
+        VioAprError: No path is given, one is missing, or has no walks.
     """
+    if not paths:
+        raise ParameterError("WALKS: expected at least one folder with walks, got none")
     walks: dict[Path, WalkFolder] = {}
     for path in paths:
         if not path.is_dir():

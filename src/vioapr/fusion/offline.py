@@ -125,13 +125,32 @@ def fuse_walks(
         return [fuse_walk(method, params, walk, view=view, tick=tick) for walk in walks]
     if not walks:
         return []
-    length = max(len(walk) for walk in walks)
-    batch = _stack_inputs([_pad(walk.inputs, length) for walk in walks])
-    estimates = run_steps(method, params, batch, tick=tick)
+    estimates = run_steps(method, params, stack_walks(walks), tick=tick)
     return [
         _finish(walk.inputs, _crop(estimates, index, len(walk)), view)
         for index, walk in enumerate(walks)
     ]
+
+
+def stack_walks(walks: Sequence[PairedFrames]) -> FrameInput:
+    """Walks of any lengths as one batch of shape (time, walks).
+
+    Shorter walks end with frames that have neither prediction nor tracking.
+    """
+    length = max(len(walk) for walk in walks)
+    padded = [_pad(walk.inputs, length) for walk in walks]
+
+    def stack(values: Iterable[Any]) -> Any:
+        return np.stack(list(values), axis=1)
+
+    columns = []
+    for field in FrameInput._fields:
+        values = [getattr(walk, field) for walk in padded]
+        if isinstance(values[0], Rigid3):
+            columns.append(Rigid3(*(stack(v[i] for v in values) for i in range(2))))
+        else:
+            columns.append(stack(values))
+    return FrameInput(*columns)
 
 
 def _pad(frames: FrameInput, length: int) -> FrameInput:
@@ -142,22 +161,6 @@ def _pad(frames: FrameInput, length: int) -> FrameInput:
     return padded._replace(
         has_apr=padded.has_apr & is_real, tracking_ok=padded.tracking_ok & is_real
     )
-
-
-def _stack_inputs(walks: Sequence[FrameInput]) -> FrameInput:
-    """Walks of one length as a batch of shape (time, walks)."""
-
-    def stack(values: Iterable[Any]) -> Any:
-        return np.stack(list(values), axis=1)
-
-    columns = []
-    for field in FrameInput._fields:
-        values = [getattr(walk, field) for walk in walks]
-        if isinstance(values[0], Rigid3):
-            columns.append(Rigid3(*(stack(v[i] for v in values) for i in range(2))))
-        else:
-            columns.append(stack(values))
-    return FrameInput(*columns)
 
 
 def _crop(estimates: Estimate, index: int, length: int) -> Estimate:

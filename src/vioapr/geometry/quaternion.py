@@ -129,7 +129,7 @@ def angle_rad(quat_xyzw: Array) -> Array:
 
 
 def angle_between_deg(left_xyzw: Array, right_xyzw: Array) -> Array:
-    """The angle of left^-1 right in degrees, 0 to 180 (paper equations 4-6, 15, 18)."""
+    """The angle of left^-1 right in degrees, 0 to 180 (paper equations 4-6, 16 and 18)."""
     return angle_rad(multiply(inverse(left_xyzw), right_xyzw)) * (180 / np.pi)
 
 

@@ -1,0 +1,82 @@
+"""Accuracy of every method on the benchmark of real predictions; writes docs/accuracy.md's table.
+
+    VIOAPR_DATA=... python benchmarks/accuracy.py [--json FILE] [--update-docs]
+
+Figures are means over walks of each walk's median and 95th percentile, beside the share of
+frames that have a pose and the raw regressor on the same frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from common import write_json
+from rich.console import Console
+
+from vioapr.cli.console import progress
+from vioapr.cli.evaluate import print_tables
+from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
+from vioapr.evaluation.formatting import format_levels, format_median, format_p95, format_share
+from vioapr.evaluation.tables import Group, group_results, to_json
+from vioapr.evaluation.walks import find_walks, load_cases
+from vioapr.fusion.methods import METHODS
+
+DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
+BEGIN, END = "<!-- begin table -->\n", "<!-- end table -->\n"
+
+
+def markdown(groups: list[Group]) -> str:
+    """The groups' rows as one table."""
+    lines = [
+        "| set, odometry, regressor | method | frames | share | median m / deg | raw | "
+        "p95 m / deg | raw | levels % | raw |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for group in groups:
+        label = f"**{group.set_name}, {group.vio}, {group.apr}** ({group.cases})"
+        for row in group.rows:
+            figures = [
+                text(summary)
+                for text in (format_median, format_p95, format_levels)
+                for summary in (row.fused, row.raw)
+            ]
+            cells = [label, row.method, row.subset, format_share(row.fused), *figures]
+            lines.append("| " + " | ".join(cells) + " |")
+            label = ""
+    return "\n".join(lines) + "\n"
+
+
+def update_docs(table: str) -> None:
+    """Put the table between the markers of docs/accuracy.md."""
+    text = DOCS.read_text()
+    head, tail = text.split(BEGIN)[0], text.split(END)[1]
+    DOCS.write_text(head + BEGIN + table + END + tail)
+
+
+def main() -> None:
+    """Run every method on every walk."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--update-docs", action="store_true")
+    parser.add_argument("--methods", default=",".join(METHODS))
+    options = parser.parse_args()
+    data = os.environ.get("VIOAPR_DATA")
+    if not data:
+        sys.exit("set VIOAPR_DATA to the folder of real data")
+    cases = load_cases(find_walks([Path(data) / "bench"]))
+    params = {name: METHODS[name].params_type() for name in options.methods.split(",")}
+    with progress("fusing", count_ticks(cases, list(params))) as tick:
+        groups = group_results(evaluate_cases(cases, params, tick=tick))
+    print_tables(groups)
+    if options.json:
+        write_json(options.json, {"groups": to_json(groups)})
+    if options.update_docs:
+        update_docs(markdown(groups))
+        Console().print(f"updated {DOCS}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,144 @@
+import csv
+
+import numpy as np
+import pytest
+
+from vioapr.cli import fuse as fuse_module
+from vioapr.formats.registry import read_trajectory
+from vioapr.fusion.methods import METHODS
+from vioapr.fusion.offline import fuse_walk
+from vioapr.fusion.pairing import pair_frames
+from vioapr.fusion.types import Status
+from vioapr.fusion.vio_apr import VioAprParams
+
+BATCHED = [name for name, method in METHODS.items() if method.is_batched]
+
+
+@pytest.fixture
+def files(walk_dir):
+    return "--apr", walk_dir / "apr_net.tum", "--vio", walk_dir / "vio_sim.tum"
+
+
+def read_csv(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("method", BATCHED)
+def test_every_method_writes_a_row_a_frame(run, files, tmp_path, method):
+    code, out, err = run("fuse", *files, "--method", method, "--out", tmp_path / "f.csv")
+    assert code == 0, err
+    rows = read_csv(tmp_path / "f.csv")
+    assert list(rows[0])[:9] == ["timestamp_s", "status", "x", "y", "z", "qx", "qy", "qz", "qw"]
+    assert len(rows) == 60
+    assert {row["status"] for row in rows} <= {status.label for status in Status}
+    assert "60 frames" in out
+
+
+def test_the_csv_holds_the_librarys_poses(run, files, tmp_path, walk_dir):
+    run("fuse", *files, "--method", "vio-apr", "--d-th", "0.7", "--o-th", "6", "--n", "3",
+        "--t", "5", "--out", tmp_path / "f.csv", "--tum", tmp_path / "f.tum.gz")  # fmt: skip
+    frames = pair_frames(read_trajectory(files[1]), read_trajectory(files[3]))
+    expected = fuse_walk(METHODS["vio-apr"], VioAprParams(0.7, 6.0, 3, 5), frames)
+    rows = read_csv(tmp_path / "f.csv")
+    assert [row["status"] for row in rows] == [Status(s).label for s in expected.status]
+    values = [[float(row[key]) for key in ("x", "y", "z")] for row in rows]
+    np.testing.assert_array_equal(values, expected.world_from_cam.translation_m)
+    fused = read_trajectory(tmp_path / "f.tum.gz")
+    assert len(fused) == expected.is_localized.sum()
+
+
+def test_the_live_view_differs(run, files, tmp_path):
+    run("fuse", *files, "--method", "vio-apr", "--out", tmp_path / "later.csv")
+    run("fuse", *files, "--method", "vio-apr", "--view", "live", "--out", tmp_path / "live.csv")
+    later, live = read_csv(tmp_path / "later.csv"), read_csv(tmp_path / "live.csv")
+    keyframes = [sum(r["status"] == "keyframe" for r in rows) for rows in (later, live)]
+    assert keyframes[0] > keyframes[1]
+
+
+def test_no_tum_file_where_nothing_is_localized(run, files, tmp_path):
+    code, out, _ = run(
+        "fuse", *files, "--method", "vio-apr", "--d-th", "0", "--out", tmp_path / "f.csv",
+        "--tum", tmp_path / "f.tum",
+    )  # fmt: skip
+    assert code == 0
+    assert "not written, no frame was localized" in out
+    assert not (tmp_path / "f.tum").exists()
+
+
+def test_the_help_names_every_method_and_unit(run):
+    code, out, _ = run("fuse", "--help")
+    assert code == 0
+    assert all(name in out for name in METHODS)
+    assert "--d-th" in out
+    assert "largest difference between the distances" in " ".join(out.split())
+    assert all(name in fuse_module.fuse.__doc__ for name in METHODS)
+
+
+BAD_VALUES = [
+    (("--d-th", "-1"), "--d-th: expected a number of at least 0, got -1.0"),
+    (("--d-th", "wide"), "could not convert string to float: 'wide'"),
+    (("--o-th", "nan"), "--o-th: expected a number of at least 0, got nan"),
+    (("--n", "0"), "--n: expected a whole number of at least 1, got 0"),
+    (("--n", "1.5"), "invalid literal for int() with base 10: '1.5'"),
+    (("--method", "magic"), "unknown method 'magic': expected one of apr, vio, vio-apr"),
+    (("--view", "both"), "invalid choice 'both'"),
+    (("--tolerance-s", "-1"), "expected a time tolerance of at least 0 s, got -1.0"),
+    (("--apr-format", "word"), "unknown format 'word': expected one of tum"),
+    (("--colour", "red"), "nrecognized"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD_VALUES, ids=lambda v: str(v)[:20])
+def test_bad_values_get_one_line(fails, files, tmp_path, arguments, message):
+    assert message in fails("fuse", *files, "--out", tmp_path / "f.csv", *arguments)
+    assert not (tmp_path / "f.csv").exists()
+
+
+BAD_FILES = [
+    (b"", ": expected rows of"),
+    (b"# only a comment\n", ": expected rows of"),
+    (b"0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0\n", ":2: expected 8 columns"),
+    (b"0 1 2 3 0 0 0 1\n1 1 2 x 0 0 0 1\n", ":2: expected a number, got 'x'"),
+    (b"0 1 2 3 0 0 0 1\n1 1 2 nan 0 0 0 1\n", ":2: expected finite numbers"),
+    (b"0 1 2 inf 0 0 0 1\n", ":1: expected finite numbers"),
+    (b"0 1 2 3 0 0 0 0\n", ":1: expected a unit quaternion, got one of norm 0"),
+    (b"0 1 2 3 0 0 0 2\n", ":1: expected a unit quaternion, got one of norm 2"),
+    (b"1 1 2 3 0 0 0 1\n# x\n0 1 2 3 0 0 0 1\n", ":3: expected increasing timestamps"),
+    (b"1 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n", ":2: expected increasing timestamps"),
+    (b"0 1 2 3 0 0 0 1\n\x00\xff\xfe\x00\n", ":2: expected text, got binary content"),
+    (b"\x1f\x8b\x08\x00broken", "gzip"),
+]
+
+
+@pytest.mark.parametrize(("content", "message"), BAD_FILES, ids=lambda v: str(v)[-30:])
+def test_bad_files_get_one_line_that_names_them(fails, files, tmp_path, content, message):
+    bad = tmp_path / "bad.tum"
+    bad.write_bytes(content)
+    line = fails("fuse", "--apr", bad, *files[2:], "--apr-format", "tum", "--out", tmp_path / "f")
+    assert str(bad) in line
+    assert message in line
+
+
+def test_missing_files_folders_and_strangers(fails, files, tmp_path):
+    out = ("--out", tmp_path / "f.csv")
+    assert "found none of this name" in fails("fuse", *files[:3], tmp_path / "no.tum", *out)
+    assert "got a directory" in fails(
+        "fuse", "--apr", tmp_path, *files[2:], "--apr-format", "tum", *out
+    )
+    stranger = tmp_path / "stranger"
+    stranger.write_bytes(bytes(range(256)))
+    assert "not recognized" in fails("fuse", "--apr", stranger, *files[2:], *out)
+    assert "cannot be written" in fails("fuse", *files, "--out", tmp_path)
+
+
+def test_walks_that_do_not_meet(fails, files, tmp_path):
+    late = tmp_path / "late.tum"
+    late.write_text("1000 0 0 0 0 0 0 1\n1001 0 0 0 0 0 0 1\n")
+    line = fails("fuse", "--apr", late, *files[2:], "--out", tmp_path / "f.csv")
+    assert "no prediction has a VIO pose" in line
+    assert "cover 1000.000 to 1001.000 s" in line
+
+
+def test_required_options_are_named(fails):
+    assert "--apr" in fails("fuse")
