@@ -5,11 +5,53 @@ from __future__ import annotations
 from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.formats import tum
-from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions, read_bytes
+from vioapr.formats import (
+    ace,
+    advio,
+    aria,
+    cambridge,
+    colmap,
+    colmap_binary,
+    euroc,
+    hloc,
+    hrapr,
+    kitti,
+    marvin,
+    mstransformer,
+    nerfstudio,
+    record3d,
+    scancapture,
+    sevenscenes,
+    stray,
+    tum,
+)
+from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions, is_folder, read_bytes
 from vioapr.trajectory import Trajectory
 
-FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in (tum,)}
+_ALL = (
+    tum.FORMAT,
+    euroc.FORMAT,
+    kitti.FORMAT,
+    colmap.FORMAT,
+    colmap_binary.FORMAT,
+    hloc.FORMAT,
+    ace.FORMAT,
+    marvin.FORMAT,
+    marvin.VIO_FORMAT,
+    hrapr.FORMAT,
+    mstransformer.FORMAT,
+    cambridge.FORMAT,
+    sevenscenes.FORMAT,
+    nerfstudio.FORMAT,
+    advio.FORMAT,
+    advio.VIO_FORMAT,
+    stray.FORMAT,
+    record3d.FORMAT,
+    scancapture.FORMAT,
+    aria.FORMAT,
+)
+
+FORMATS: dict[str, Format] = {format_.name: format_ for format_ in _ALL}
 
 
 def get_format(name: str) -> Format:
@@ -29,7 +71,7 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
     Raises:
         FormatError: It cannot be read at all.
     """
-    head = b"" if path.is_dir() else read_bytes(path, HEAD_BYTES)
+    head = b"" if is_folder(path) else read_bytes(path, HEAD_BYTES)
     ranked = [(format_, format_.sniff(path, head)) for format_ in FORMATS.values()]
     return sorted((r for r in ranked if r[1] > 0), key=lambda r: -r[1])
 
@@ -50,7 +92,7 @@ def read_trajectory(
     if not ranked:
         raise FormatError(
             path,
-            "not recognized as any known trajectory format; name one with --format: "
+            "not recognized as any known trajectory format; name it as one of: "
             + ", ".join(FORMATS),
         )
     return ranked[0][0].read(path, options)

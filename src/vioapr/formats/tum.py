@@ -4,16 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from vioapr.formats.base import (
-    Format,
-    ReadOptions,
-    build_trajectory,
-    parse_rows,
-    read_text,
-    write_text,
-)
+from vioapr.formats.base import Format, ReadOptions, has_suffix, read_text, write_text
+from vioapr.formats.poses import build_trajectory, poses_of, require_times
+from vioapr.formats.table import all_numbers, format_rows, head_rows, parse_rows, pose_columns
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp x y z qx qy qz qw"
@@ -21,15 +14,9 @@ _COLUMNS = "timestamp x y z qx qy qz qw"
 
 def sniff(path: Path, head: bytes) -> float:
     """Sure of 8 numbers a row under the name .tum; likely under any other name."""
-    rows = [line.split() for line in head.decode("utf-8", "replace").splitlines()[:20]]
-    rows = [row for row in rows if row and not row[0].startswith("#")]
-    try:
-        looks_right = bool(rows) and all([float(f) for f in row] and len(row) == 8 for row in rows)
-    except ValueError:
+    if not all_numbers(head_rows(head), range(8, 9)):
         return 0.0
-    if not looks_right:
-        return 0.0
-    return 1.0 if ".tum" in path.suffixes else 0.7
+    return 1.0 if has_suffix(path, ".tum") else 0.7
 
 
 def read(path: Path, options: ReadOptions) -> Trajectory:
@@ -38,19 +25,24 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     Raises:
         FormatError: Naming file and line.
     """
-    del options  # a TUM file says everything of itself
     rows = parse_rows(path, read_text(path), range(8, 9), what=_COLUMNS)
     values = rows.numbers(slice(0, 8))
-    return build_trajectory(rows, values[:, 0], values[:, 1:4], values[:, 4:8])
+    poses = poses_of(rows, values[:, 1:4], values[:, 4:8])
+    return build_trajectory(rows, values[:, 0], poses, options)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:
-    """Write all digits, so that reading gives the same doubles."""
-    values = np.column_stack(
-        [trajectory.timestamps_s, trajectory.positions_m, trajectory.quats_xyzw]
-    )
-    lines = [" ".join(repr(float(value)) for value in row) for row in values]
-    write_text(path, f"# {_COLUMNS}\n" + "\n".join(lines) + "\n")
+    """Write all digits, so that reading gives the same doubles.
+
+    Raises:
+        ParameterError: The trajectory has no timestamps.
+        FormatError: The file cannot be written.
+    """
+    require_times(trajectory, "a TUM file")
+    columns = pose_columns(trajectory.target_from_source)
+    times = trajectory.timestamps_s.tolist()
+    rows = [(time, *row) for time, row in zip(times, columns, strict=True)]
+    write_text(path, f"# {_COLUMNS}\n" + format_rows(rows, " "))
 
 
 FORMAT = Format(
@@ -61,4 +53,6 @@ FORMAT = Format(
     sniff=sniff,
     read=read,
     write=write,
+    has_times=True,
+    default_for=(".tum",),
 )

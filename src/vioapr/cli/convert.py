@@ -1,0 +1,46 @@
+"""`vioapr convert`: from one trajectory format to another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from vioapr.cli.console import console
+from vioapr.formats.base import ReadOptions
+from vioapr.formats.conversion import convert_file
+
+
+def convert(
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN")],
+    target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")],
+    from_: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
+    to: Annotated[str | None, tyro.conf.arg(metavar="FORMAT")] = None,
+    rate_hz: float | None = None,
+    sequence: str | None = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
+    """Convert a trajectory file to another format, and say what was lost.
+
+    Args:
+        source: File, or folder of a format that is one; gzip is read as it is.
+        target: File or folder to write; gzipped where its name ends in .gz.
+        from_: Format of IN; by default the one it looks like.
+        to: Format of OUT; by default the one its name means.
+        rate_hz: Frames per second of image names' numbers, for formats without timestamps.
+        sequence: Folder part of the image names to keep, where IN holds several sequences.
+        overwrite: Write over an existing OUT.
+
+    Raises:
+        VioAprError: IN cannot be read or OUT cannot be written.
+    """
+    options = ReadOptions(rate_hz, sequence)
+    done = convert_file(source, target, from_, to, options, overwrite=overwrite)
+    lost = f"; lost: {' and '.join(done.lost)}" if done.lost else ""
+    console.print(
+        f"{source} ({done.source_format}) -> {target} ({done.target_format}): "
+        f"{done.poses} poses{lost}",
+        markup=False,
+        soft_wrap=True,
+    )

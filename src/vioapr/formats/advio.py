@@ -1,0 +1,138 @@
+"""ADVIO csv, no header: `time_s,x,y,z,qw,qx,qy,qz`, in two conventions.
+
+Measured on the data, as nothing is documented:
+
+- Ground truth (`*_gt_pose.csv`, `pose.csv`): positions are a mirror image, y up, so z is
+  negated here; the quaternion is device_from_world of a z-up world, and is inverted and turned
+  to the y-up world and OpenCV camera axes here.
+- Trackers (`arkit.csv`, `arcore.csv`): world_from_cam, y up, OpenGL camera axes.
+- The rotations of both are multiplied on the left by one unknown turn about z, of an angle that
+  differs by sequence. One file alone cannot tell it, so it is **not** corrected: distances
+  between positions, and angles of relative rotations, are right; absolute orientations are not,
+  and neither are the axes of the ground truth's relative rotations.
+- The first rows of a tracker have the position 0,0,0, not initialised, and are left out. One
+  such row alone is kept: it is a tracker's origin.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from vioapr.errors import FormatError
+from vioapr.formats import conventions
+from vioapr.formats.base import Format, ReadOptions, plain_name, read_text, write_text
+from vioapr.formats.poses import MAX_TIME_S, build_trajectory, poses_of, require_times
+from vioapr.formats.table import (
+    Rows,
+    all_numbers,
+    format_rows,
+    head_rows,
+    parse_rows,
+    pose_columns,
+)
+from vioapr.geometry import quaternion
+from vioapr.geometry.rigid import Rigid3
+from vioapr.trajectory import Trajectory
+
+_COLUMNS = "time_s,x,y,z,qw,qx,qy,qz"
+
+_Y_UP_FROM_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+_QUARTER_TURN_ABOUT_Z = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_ARCAM_FROM_DEVICE = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_CAM_FROM_ARCAM = np.diag([1.0, -1.0, -1.0])
+
+_WORLD_FROM_Z_UP = quaternion.from_matrix(_Y_UP_FROM_Z_UP @ _QUARTER_TURN_ABOUT_Z)
+_CAM_FROM_DEVICE = quaternion.from_matrix(_CAM_FROM_ARCAM @ _ARCAM_FROM_DEVICE)
+_MIRROR_Z = np.array([1.0, 1.0, -1.0])
+
+
+def _world_from_cam(file_poses: Rigid3) -> Rigid3:
+    """Of the ground truth: from the file's convention to ours."""
+    z_up_from_device = quaternion.inverse(file_poses.quat_xyzw)
+    world_from_device = quaternion.multiply(_WORLD_FROM_Z_UP, z_up_from_device)
+    device_from_cam = quaternion.inverse(_CAM_FROM_DEVICE)
+    return Rigid3(
+        file_poses.translation_m * _MIRROR_Z,
+        quaternion.multiply(world_from_device, device_from_cam),
+    )
+
+
+def _file_from_ours(world_from_cam: Rigid3) -> Rigid3:
+    """The inverse of `_world_from_cam`."""
+    world_from_device = quaternion.multiply(world_from_cam.quat_xyzw, _CAM_FROM_DEVICE)
+    z_up_from_device = quaternion.multiply(quaternion.inverse(_WORLD_FROM_Z_UP), world_from_device)
+    return Rigid3(world_from_cam.translation_m * _MIRROR_Z, quaternion.inverse(z_up_from_device))
+
+
+def _sniff(path: Path, head: bytes, *, is_tracker: bool) -> float:
+    rows = head_rows(head, ",")
+    if not all_numbers(rows, range(8, 9)) or any(abs(float(row[0])) > MAX_TIME_S for row in rows):
+        return 0.0
+    name = plain_name(path)
+    names_tracker = any(word in name for word in ("arkit", "arcore"))
+    names_truth = not names_tracker and ("gt_pose" in name or name == "pose.csv")
+    if names_tracker or names_truth:
+        return 0.9 if is_tracker == names_tracker else 0.1
+    return 0.4 if is_tracker else 0.3
+
+
+def _read(path: Path, options: ReadOptions, *, is_tracker: bool) -> Trajectory:
+    rows = parse_rows(path, read_text(path), range(8, 9), what=_COLUMNS, delimiter=",")
+    rows = _skip_uninitialised(rows)
+    values = rows.numbers(slice(0, 8))
+    poses = poses_of(rows, values[:, 1:4], values[:, [5, 6, 7, 4]])
+    poses = conventions.world_from_arcam(poses) if is_tracker else _world_from_cam(poses)
+    target = "vio" if is_tracker else "world"
+    return build_trajectory(rows, values[:, 0], poses, options, target=target)
+
+
+def _skip_uninitialised(rows: Rows) -> Rows:
+    has_position = (rows.numbers(slice(1, 4)) != 0).any(axis=1)
+    if not has_position.any() and len(rows) > 1:
+        raise FormatError(
+            rows.path, "expected positions, got 0,0,0 in every row: the tracker never started"
+        )
+    first = int(np.argmax(has_position))
+    return rows.at(range(first if first > 1 else 0, len(rows)))
+
+
+def _write(path: Path, trajectory: Trajectory, *, is_tracker: bool) -> None:
+    require_times(trajectory, "an ADVIO file")
+    poses = trajectory.target_from_source
+    poses = conventions.world_from_arcam(poses) if is_tracker else _file_from_ours(poses)
+    columns = pose_columns(poses, (3, 0, 1, 2))
+    times = trajectory.timestamps_s.tolist()
+    rows = [(time, *row) for time, row in zip(times, columns, strict=True)]
+    write_text(path, format_rows(rows, ","))
+
+
+FORMAT = Format(
+    name="advio-gt",
+    title="ADVIO ground truth",
+    convention=(
+        f"{_COLUMNS}; position mirrored in z, y up; rotation device_from_world, z up, up to an "
+        "unknown turn: distances and relative angles are right, orientations are not"
+    ),
+    extensions=(".csv",),
+    sniff=partial(_sniff, is_tracker=False),
+    read=partial(_read, is_tracker=False),
+    write=partial(_write, is_tracker=False),
+    has_times=True,
+)
+
+VIO_FORMAT = Format(
+    name="advio-vio",
+    title="ADVIO ARKit and ARCore tracks",
+    convention=(
+        f"{_COLUMNS}; world_from_cam, y up, OpenGL camera axes, rotations up to an unknown "
+        "turn of the world; first rows of position 0,0,0 are left out"
+    ),
+    extensions=(".csv",),
+    sniff=partial(_sniff, is_tracker=True),
+    read=partial(_read, is_tracker=True),
+    write=partial(_write, is_tracker=True),
+    has_times=True,
+)

@@ -1,0 +1,226 @@
+"""What a trajectory file is, how sure that is, and what looks wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vioapr.errors import FormatError
+from vioapr.formats.base import Format, ReadOptions
+from vioapr.formats.checks import AS_READ, Fit, find_better_reading, fit_readings, up_of
+from vioapr.formats.defects import find_defects, step_speeds
+from vioapr.formats.registry import get_format, rank_formats, read_trajectory
+from vioapr.trajectory import Trajectory
+
+_LOW_CONFIDENCE = 0.6
+_MAX_LISTED = 3
+_NO_FIT_DEG = 15.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A format that a file may be, with a confidence of 0 to 1."""
+
+    name: str
+    confidence: float
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Speeds between successive poses, m/s."""
+
+    median_m_s: float
+    p95_m_s: float
+    max_m_s: float
+
+
+@dataclass(frozen=True)
+class Up:
+    """The mean up-vector of a hand-held camera.
+
+    Attributes:
+        axis: The axis of the target frame nearest to it, e.g. "+z".
+        off_axis_deg: Angle between the two, degrees.
+        spread_deg: Median angle of single poses to the mean, degrees.
+        is_portrait: Whether the sensor lies on its side.
+    """
+
+    axis: str
+    off_axis_deg: float
+    spread_deg: float
+    is_portrait: bool
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is found out of a file.
+
+    Attributes:
+        path: The file.
+        candidates: Formats that it may be, likeliest first; the first was read.
+        convention: The columns and directions of the format that was read.
+        poses: Number of poses.
+        frames: target_from_source.
+        has_names: Whether poses have image names.
+        is_timed: Whether poses have timestamps.
+        start_s: First timestamp, s, or None.
+        duration_s: Seconds between first and last pose, or None.
+        rate_hz: One over the median step, or None.
+        extent_m: Lowest and highest coordinate along x, y and z, metres.
+        path_length_m: Sum of the steps, metres.
+        speed: Or None without timestamps.
+        up: Or None where the source frame is not a camera.
+        warnings: What looks wrong, a line each.
+        fits: Readings compared with another track, best first; empty without one.
+    """
+
+    path: str
+    candidates: tuple[Candidate, ...]
+    convention: str
+    poses: int
+    frames: str
+    has_names: bool
+    is_timed: bool
+    start_s: float | None
+    duration_s: float | None
+    rate_hz: float | None
+    extent_m: tuple[tuple[float, float], ...]
+    path_length_m: float
+    speed: Speed | None
+    up: Up | None
+    warnings: tuple[str, ...]
+    fits: tuple[Fit, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, for json.dumps; numbers that are not known are null."""
+        return _without_nan(asdict(self))
+
+
+def inspect_file(
+    path: Path,
+    format_name: str | None = None,
+    options: ReadOptions | None = None,
+    against: Trajectory | None = None,
+) -> Inspection:
+    """Read a file leniently and judge it.
+
+    Args:
+        path: A trajectory file, or a folder of a format that is one.
+        format_name: Its format, if known.
+        options: Rate and sequence.
+        against: Another track of the same walk, whose convention is known.
+
+    Raises:
+        FormatError: It cannot be read, for another reason than timestamps out of order.
+        ParameterError: There is no format of that name, or the options do not fit.
+        AssociationError: It has too few frames in common with the other track.
+    """
+    skipped: list[FormatError] = []
+    options = options or ReadOptions()
+    options = ReadOptions(options.rate_hz, options.sequence, skipped)
+    ranked = rank_formats(path) if format_name is None else [(get_format(format_name), 1.0)]
+    trajectory = read_trajectory(path, format_name, options)
+    fits = [] if against is None else fit_readings(trajectory, against)
+    warnings = [
+        *_doubts(ranked),
+        *_time_warnings(skipped),
+        *find_defects(trajectory),
+        *_fit_warnings(fits),
+    ]
+    return _describe(path, ranked, trajectory, warnings, fits)
+
+
+def _describe(
+    path: Path,
+    ranked: list[tuple[Format, float]],
+    trajectory: Trajectory,
+    warnings: list[str],
+    fits: list[Fit],
+) -> Inspection:
+    times, positions = trajectory.timestamps_s, trajectory.positions_m
+    is_timed = trajectory.is_timed
+    has_steps = is_timed and len(times) > 1
+    return Inspection(
+        path=str(path),
+        candidates=tuple(Candidate(f.name, round(confidence, 2)) for f, confidence in ranked),
+        convention=ranked[0][0].convention,
+        poses=len(trajectory),
+        frames=f"{trajectory.target}_from_{trajectory.source}",
+        has_names=trajectory.names is not None,
+        is_timed=is_timed,
+        start_s=float(times[0]) if is_timed else None,
+        duration_s=float(times[-1] - times[0]) if is_timed else None,
+        rate_hz=1 / float(np.median(np.diff(times))) if has_steps else None,
+        extent_m=tuple(
+            (float(low), float(high))
+            for low, high in zip(positions.min(axis=0), positions.max(axis=0), strict=True)
+        ),
+        path_length_m=float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()),
+        speed=_speed(trajectory) if has_steps else None,
+        up=_up(trajectory) if trajectory.source == "cam" else None,
+        warnings=tuple(warnings),
+        fits=tuple(fits),
+    )
+
+
+def _speed(trajectory: Trajectory) -> Speed:
+    speeds = step_speeds(trajectory)
+    return Speed(float(np.median(speeds)), float(np.quantile(speeds, 0.95)), float(speeds.max()))
+
+
+def _up(trajectory: Trajectory) -> Up:
+    up, spread_deg, is_portrait = up_of(trajectory.quats_xyzw)
+    axis = int(np.argmax(np.abs(up)))
+    name = ("+" if up[axis] > 0 else "-") + "xyz"[axis]
+    off_axis_deg = float(np.degrees(np.arccos(np.clip(abs(up[axis]), 0, 1))))
+    return Up(name, off_axis_deg, spread_deg, is_portrait)
+
+
+def _doubts(ranked: list[tuple[Format, float]]) -> list[str]:
+    (best, confidence), others = ranked[0], ranked[1:]
+    if confidence >= _LOW_CONFIDENCE:
+        return []
+    names = ", ".join(f"{f.name} ({c:.0%})" for f, c in others) or "no other known format"
+    return [
+        f"format: only {confidence:.0%} sure of {best.name}; it may be {names}: "
+        "the columns alone do not tell"
+    ]
+
+
+def _time_warnings(skipped: list[FormatError]) -> list[str]:
+    if not skipped:
+        return []
+    listed = [f"line {error.line}: {error.problem}" for error in skipped[:_MAX_LISTED]]
+    rest = len(skipped) - len(listed)
+    more = f"; and {rest} more" if rest else ""
+    return [f"time: {len(skipped)} rows out of order, left out here: {'; '.join(listed)}{more}"]
+
+
+def _fit_warnings(fits: list[Fit]) -> list[str]:
+    if not fits:
+        return []
+    as_read = next(fit for fit in fits if fit.title == AS_READ.title)
+    better = find_better_reading(fits)
+    if better is None and as_read.rotation_deg > _NO_FIT_DEG:
+        return [
+            f"convention: no reading fits the other track: relative rotations differ by "
+            f"{as_read.rotation_deg:.1f} deg: another walk, clock or device frame, or noise?"
+        ]
+    if better is None:
+        return []
+    return [
+        f"convention: fits the other track better with {better.title}: relative rotations differ "
+        f"by {better.rotation_deg:.1f} deg instead of {as_read.rotation_deg:.1f} deg, directions "
+        f"of motion by {better.direction_deg:.0f} deg instead of {as_read.direction_deg:.0f} deg"
+    ]
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

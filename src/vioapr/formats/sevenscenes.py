@@ -1,0 +1,104 @@
+"""7-Scenes folders: `frame-XXXXXX.pose.txt`, each a 4x4 matrix, world_from_cam."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError, ParameterError
+from vioapr.formats.base import Format, ReadOptions, is_folder, read_text, write_text
+from vioapr.formats.named import build_named, writable_names
+from vioapr.formats.poses import rigid_of_matrices
+from vioapr.formats.table import Rows, format_rows, parse_rows
+from vioapr.trajectory import Trajectory
+
+_POSE_SUFFIX, _IMAGE_SUFFIX = ".pose.txt", ".color.png"
+
+
+def _find_poses(path: Path) -> list[Path]:
+    """The pose files of a sequence's folder, or of all sequences of a scene's."""
+    try:
+        found = sorted(path.glob(f"*{_POSE_SUFFIX}"))
+        return found or sorted(path.glob(f"*/*{_POSE_SUFFIX}"))
+    except OSError as error:
+        raise FormatError(path, f"cannot be read: {error.strerror}") from None
+
+
+def sniff(path: Path, head: bytes) -> float:
+    """Sure of a folder with such files, or with folders of such files."""
+    del head
+    try:
+        return 1.0 if is_folder(path) and _find_poses(path) else 0.0
+    except FormatError:
+        return 0.0
+
+
+def read(path: Path, options: ReadOptions) -> Trajectory:
+    """Read world_from_cam poses of a sequence's or a scene's folder.
+
+    Images are named frame-XXXXXX.color.png, after their folder where the folder is a
+    sequence (seq-01).
+
+    Raises:
+        FormatError: Naming the pose file and line.
+        ParameterError: The options do not fit the sequences.
+    """
+    files = _find_poses(path)
+    if not files:
+        found = "nothing of this name" if not path.exists() else "none"
+        raise FormatError(path, f"expected a folder of frame-XXXXXX{_POSE_SUFFIX}, found {found}")
+    matrices = np.array([_read_matrix(file) for file in files])
+    prefix = f"{path.name}/" if re.fullmatch(r"seq-?\d+", path.name) else ""
+    names = [
+        prefix + file.relative_to(path).as_posix().removesuffix(_POSE_SUFFIX) + _IMAGE_SUFFIX
+        for file in files
+    ]
+    rows = Rows(path, [[name] for name in names], list(range(1, len(names) + 1)))
+    return build_named(rows, names, rigid_of_matrices(rows, matrices), options)
+
+
+def _read_matrix(path: Path) -> NDArray[np.float64]:
+    rows = parse_rows(path, read_text(path), range(4, 5), what="a row of a 4x4 matrix")
+    if len(rows) != 4:
+        raise FormatError(path, f"expected a 4x4 matrix, got {len(rows)} rows")
+    matrix = rows.numbers(slice(0, 4))
+    rigid_of_matrices(Rows(path, rows.fields[:1], [1]), matrix[None])
+    return matrix
+
+
+def write(path: Path, trajectory: Trajectory) -> None:
+    """Write a file for each pose, in folders as the image names have them.
+
+    Names other than FOLDER/NAME.color.png are lost: frames are numbered instead.
+
+    Raises:
+        FormatError: A file cannot be written.
+        ParameterError: Image names that lead out of the folder, or are the same.
+    """
+    names = writable_names(trajectory, "", _IMAGE_SUFFIX)
+    if not all(name.endswith(_IMAGE_SUFFIX) for name in names):
+        names = [f"frame-{row:06d}{_IMAGE_SUFFIX}" for row in range(len(names))]
+    matrices = trajectory.target_from_source.to_matrix().tolist()
+    for name, matrix in zip(names, matrices, strict=True):
+        parts = PurePosixPath(name).parts
+        if parts[0] == "/" or ".." in parts or "\\" in name or "\0" in name:
+            raise ParameterError(f"the image name {name!r} leads out of the folder")
+        inside = parts[1:] if parts[0] == path.name and len(parts) > 1 else parts
+        target = path.joinpath(*inside)
+        stem = target.name.removesuffix(_IMAGE_SUFFIX)
+        write_text(target.with_name(stem + _POSE_SUFFIX), format_rows(matrix, " "))
+
+
+FORMAT = Format(
+    name="7scenes",
+    title="7-Scenes pose folder",
+    convention="4x4 matrix a file, frame-XXXXXX.pose.txt; world_from_cam, OpenCV axes, no times",
+    extensions=("/",),
+    sniff=sniff,
+    read=read,
+    write=write,
+    has_names=True,
+)

@@ -1,0 +1,139 @@
+"""`vioapr convert` goes between any two formats and says what was lost."""
+
+import json
+
+import numpy as np
+import pytest
+from tests.formats.conftest import file_name, make_trajectory
+
+from vioapr.cli.convert import convert
+from vioapr.errors import FormatError, ParameterError
+from vioapr.formats.conversion import convert_file
+from vioapr.formats.registry import FORMATS, read_trajectory
+
+
+def write(name, folder):
+    path = folder / file_name(FORMATS[name])
+    FORMATS[name].write(path, make_trajectory(FORMATS[name]))
+    return path
+
+
+@pytest.mark.parametrize("target", FORMATS)
+@pytest.mark.parametrize("source", FORMATS)
+def test_any_to_any(source, target, tmp_path):
+    (tmp_path / "in").mkdir()
+    path = write(source, tmp_path / "in")
+    out = tmp_path / "out" / file_name(FORMATS[target])
+    rate = {} if FORMATS[source].has_times else {"rate_hz": 2.0}
+    convert(path, out, from_=source, to=target, **rate)
+    original, converted = read_trajectory(path, source), read_trajectory(out, target)
+    np.testing.assert_allclose(converted.positions_m, original.positions_m, atol=1e-9)
+    np.testing.assert_allclose(
+        np.abs((converted.quats_xyzw * original.quats_xyzw).sum(axis=1)), 1, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("walk.tum", "tum"),
+        ("walk.tum.gz", "tum"),
+        ("walk.csv", "euroc"),
+        ("walk.kitti", "kitti"),
+        ("transforms.json", "nerfstudio"),
+        ("images.bin", "colmap-binary"),
+        ("images.txt", "colmap"),
+        ("odometry.csv", "stray"),
+        ("walk.r3d", "record3d"),
+        ("metadata", "record3d"),
+        ("dataset_train.txt", "cambridge"),
+    ],
+)
+def test_the_name_tells_the_format(name, expected, tmp_path):
+    done = convert_file(write("tum", tmp_path), tmp_path / "out" / name)
+    assert (done.source_format, done.target_format) == ("tum", expected)
+    assert len(read_trajectory(tmp_path / "out" / name)) == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "listed"),
+    [("out.txt", "hloc, ace"), ("out", "colmap, colmap-binary"), ("a.xyz", "tum, euroc")],
+)
+def test_an_ambiguous_name_lists_the_formats(name, listed, tmp_path):
+    path = write("tum", tmp_path)
+    with pytest.raises(ParameterError, match=f"choose one with --to: .*({listed}|7scenes)"):
+        convert(path, tmp_path / name)
+    assert not (tmp_path / name).exists()
+
+
+def test_what_was_lost_is_said(tmp_path, capsys):
+    path = write("tum", tmp_path)
+    convert(path, tmp_path / "a.kitti")
+    assert "(kitti): 12 poses; lost: timestamps" in capsys.readouterr().out
+    names = write("hloc", tmp_path)
+    convert(names, tmp_path / "b.tum", rate_hz=10.0)
+    assert "(tum): 12 poses; lost: image names" in capsys.readouterr().out
+    convert(names, tmp_path / "c.kitti", rate_hz=10.0)
+    assert "lost: timestamps and image names" in capsys.readouterr().out
+    convert(names, tmp_path / "d", to="7scenes")
+    assert "lost: image names" in capsys.readouterr().out
+    convert(names, tmp_path / "e.json")
+    assert "; lost" not in capsys.readouterr().out
+
+
+def test_the_input_is_never_overwritten(tmp_path):
+    path = write("tum", tmp_path)
+    (tmp_path / "link.tum").symlink_to(path)
+    before = path.read_bytes()
+    for target in (path, tmp_path / "link.tum"):
+        with pytest.raises(ParameterError, match="is the input"):
+            convert(path, target, overwrite=True)
+    assert path.read_bytes() == before
+
+
+def test_an_existing_file_is_overwritten_only_if_asked_to(tmp_path):
+    path = write("tum", tmp_path)
+    out = tmp_path / "out.json"
+    out.write_text("precious")
+    with pytest.raises(ParameterError, match="exists: .*--overwrite"):
+        convert(path, out)
+    assert out.read_text() == "precious"
+    convert(path, out, overwrite=True)
+    assert json.loads(out.read_text())["frames"]
+
+
+def test_a_folder_with_something_in_it_counts_as_existing(tmp_path):
+    path = write("tum", tmp_path)
+    folder = tmp_path / "model"
+    folder.mkdir()
+    convert(path, folder, to="colmap")
+    with pytest.raises(ParameterError, match="exists"):
+        convert(path, folder, to="colmap")
+    assert len(read_trajectory(folder)) == 12
+
+
+def test_nothing_is_written_of_what_cannot_be_read(tmp_path):
+    path = tmp_path / "bad.tum"
+    path.write_text("1 2 3\n")
+    with pytest.raises(FormatError, match=r"bad.tum:1: expected 8 columns"):
+        convert(path, tmp_path / "out.json", from_="tum")
+    with pytest.raises(FormatError, match=r"bad.tum: not recognized: name its format with --from"):
+        convert(path, tmp_path / "out.json")
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_a_format_with_times_needs_a_rate(tmp_path):
+    with pytest.raises(ParameterError, match="needs timestamps.*--rate-hz"):
+        convert(write("hloc", tmp_path), tmp_path / "out.tum")
+
+
+def test_a_sequence_is_picked(tmp_path):
+    path = tmp_path / "poses.txt"
+    path.write_text("a/1.png 1 0 0 0 0 0 0\nb/2.png 1 0 0 0 0 0 0\n")
+    convert(path, tmp_path / "out.tum", rate_hz=2.0, sequence="b")
+    assert read_trajectory(tmp_path / "out.tum").timestamps_s.tolist() == [1]
+
+
+def test_an_unknown_format_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match="unknown format 'x'"):
+        convert(write("tum", tmp_path), tmp_path / "out.tum", to="x")

@@ -1,0 +1,68 @@
+"""`vioapr inspect` prints what a file is and what looks wrong, for people or as JSON."""
+
+import json
+
+import pytest
+from tests.formats.conftest import file_name, make_trajectory
+
+from vioapr.cli.inspect import inspect
+from vioapr.errors import FormatError, ParameterError
+from vioapr.formats.registry import FORMATS
+
+
+def write(name, folder):
+    path = folder / file_name(FORMATS[name])
+    FORMATS[name].write(path, make_trajectory(FORMATS[name]))
+    return path
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format(name, tmp_path, capsys):
+    path = write(name, tmp_path)
+    inspect((path,))
+    out = capsys.readouterr().out
+    assert str(path) in out
+    assert f"{name}, " in out
+    assert "12 poses" in out
+    assert ("no timestamps" in out) != FORMATS[name].has_times
+
+
+def test_json(tmp_path, capsys):
+    paths = (write("tum", tmp_path), write("hloc", tmp_path))
+    inspect(paths, json_=True)
+    first, second = json.loads(capsys.readouterr().out)
+    assert first["candidates"] == [{"name": "tum", "confidence": 1.0}]
+    assert first["poses"] == 12
+    assert second["start_s"] is None
+    assert second["has_names"] is True
+    assert second["frames"] == "world_from_cam"
+
+
+def test_warnings_and_fits(tmp_path, capsys):
+    trajectory = make_trajectory(FORMATS["tum"], 40)
+    FORMATS["tum"].write(tmp_path / "a.tum", trajectory)
+    inspect((tmp_path / "a.tum",), against=tmp_path / "a.tum")
+    out = capsys.readouterr().out
+    assert "WARNING scale or clock" in out
+    assert "as read: rotations 0.00 deg" in out
+
+
+def test_a_format_can_be_named(tmp_path, capsys):
+    path = tmp_path / "poses.txt"
+    path.write_text("a/1.png 1 2 3 1 0 0 0\n")
+    inspect((path,), from_="marvin")
+    assert "marvin, 100% sure" in capsys.readouterr().out
+
+
+def test_a_file_that_cannot_be_read_is_an_error(tmp_path):
+    path = tmp_path / "a.tum"
+    path.write_text("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 2\n")
+    with pytest.raises(
+        FormatError, match=r"a.tum:2: expected a unit quaternion, got one of norm 2"
+    ):
+        inspect((path,))
+
+
+def test_no_file_is_an_error():
+    with pytest.raises(ParameterError, match="name at least one file"):
+        inspect(())
