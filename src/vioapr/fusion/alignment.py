@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 from vioapr.fusion.gaps import relative_gap
 from vioapr.fusion.types import FrameInput
-from vioapr.geometry.arrays import Array, constant, namespace, select, zeros
+from vioapr.geometry.arrays import Array, compute_where, constant, namespace, select, zeros
 from vioapr.geometry.averaging import geometric_median, mean_quaternion
 from vioapr.geometry.rigid import Rigid3, between, choose
 
@@ -75,14 +75,22 @@ class Reference(NamedTuple):
 
 def empty_run(batch_shape: tuple[int, ...], capacity: int, like: Array) -> Run:
     """A run without poses."""
-    poses = Rigid3.identity((*batch_shape, capacity), like=like)
-    return Run(poses, poses, zeros(batch_shape, like))
+    shape = (*batch_shape, capacity)
+    # Two separate arrays: a tracer would take one array that is passed twice for one input.
+    return Run(
+        Rigid3.identity(shape, like=like),
+        Rigid3.identity(shape, like=like),
+        zeros(batch_shape, like),
+    )
 
 
 def no_reference(batch_shape: tuple[int, ...], like: Array) -> Reference:
     """A reference that is not known."""
-    identity = Rigid3.identity(batch_shape, like=like)
-    return Reference(identity, identity, zeros(batch_shape, like) > 0)
+    return Reference(
+        Rigid3.identity(batch_shape, like=like),
+        Rigid3.identity(batch_shape, like=like),
+        zeros(batch_shape, like) > 0,
+    )
 
 
 def passes_checker(
@@ -106,14 +114,14 @@ def extend_run(params: CheckerParams, run: Run, frame: FrameInput) -> Run:
     one = namespace(run.length).ones_like(run.length)
     continues = agrees & (run.length > 0)
     return Run(
-        _push(run.apr_world_from_cam, frame.apr_world_from_cam),
-        _push(run.vio_from_cam, frame.vio_from_cam),
+        push(run.apr_world_from_cam, frame.apr_world_from_cam),
+        push(run.vio_from_cam, frame.vio_from_cam),
         select(continues, run.length + one, one),
     )
 
 
-def _push(newest_first: Rigid3, pose: Rigid3) -> Rigid3:
-    """Put a pose in front and drop the oldest."""
+def push(newest_first: Rigid3, pose: Rigid3) -> Rigid3:
+    """Put a pose in front of a buffer of shape (..., n) and drop the oldest."""
     xp = namespace(pose.translation_m)
     return Rigid3(
         *(
@@ -123,34 +131,32 @@ def _push(newest_first: Rigid3, pose: Rigid3) -> Rigid3:
     )
 
 
-def reference_from_run(params: CheckerParams, run: Run) -> Reference:
-    """Geometric median and mean rotation of the run's N + 1 newest poses, in both worlds."""
+def update_reference(
+    params: CheckerParams, reference: Reference, run: Run, is_complete: Array
+) -> Reference:
+    """The reference, replaced by the means of the run where that is complete, shape (...)."""
     xp = namespace(run.length)
-    capacity = run.vio_from_cam.batch_shape[-1]
     index = xp.cumulative_sum(xp.ones_like(run.vio_from_cam.translation_m[..., 0]), axis=-1)
     size = xp.ones_like(run.length) * params.run_pairs + 1
     weights = xp.astype(index <= size[..., None], run.length.dtype)
     # Both worlds in one batch: half as many operations.
-    positions = xp.stack([run.apr_world_from_cam.translation_m, run.vio_from_cam.translation_m])
-    quats = xp.stack([run.apr_world_from_cam.quat_xyzw, run.vio_from_cam.quat_xyzw])
-    weights = xp.broadcast_to(weights, (2, *run.length.shape, capacity))
-    newest = positions[..., 0, :]
-    medians = newest + geometric_median(positions - newest[..., None, :], weights)
-    means = mean_quaternion(quats, weights)
-    return Reference(
-        Rigid3(medians[0, ...], means[0, ...]),
-        Rigid3(medians[1, ...], means[1, ...]),
-        xp.ones_like(run.length) > 0,
-    )
+    poses = _stack(run.apr_world_from_cam, run.vio_from_cam, axis=-3)
+    old = _stack(reference.apr_world_from_cam, reference.vio_from_cam, axis=-2)
+    new = compute_where(is_complete, _mean_poses, (*poses, weights), tuple(old))
+    apr_world_from_cam, vio_from_cam = (Rigid3(*new).at((..., k, slice(None))) for k in range(2))
+    return Reference(apr_world_from_cam, vio_from_cam, reference.is_known | is_complete)
 
 
-def choose_reference(condition: Array, if_true: Reference, if_false: Reference) -> Reference:
-    """Elementwise choice between references."""
-    return Reference(
-        choose(condition, if_true.apr_world_from_cam, if_false.apr_world_from_cam),
-        choose(condition, if_true.vio_from_cam, if_false.vio_from_cam),
-        select(condition, if_true.is_known, if_false.is_known),
-    )
+def _stack(left: Rigid3, right: Rigid3, axis: int) -> Rigid3:
+    xp = namespace(left.translation_m)
+    return Rigid3(*(xp.stack(pair, axis=axis) for pair in zip(left, right, strict=True)))
+
+
+def _mean_poses(positions_m: Array, quats_xyzw: Array, weights: Array) -> tuple[Array, Array]:
+    """Geometric medians and mean rotations, shapes (..., 2, n, 3), (..., 2, n, 4), (..., n)."""
+    newest = positions_m[..., :1, :]
+    medians = geometric_median(positions_m - newest, weights[..., None, :])
+    return newest[..., 0, :] + medians, mean_quaternion(quats_xyzw, weights[..., None, :])
 
 
 def hide_unless(condition: Array, pose: Rigid3) -> Rigid3:

@@ -19,13 +19,12 @@ from vioapr.errors import ParameterError
 from vioapr.fusion.alignment import (
     Reference,
     Run,
-    choose_reference,
     empty_run,
     extend_run,
     hide_unless,
     no_reference,
     passes_checker,
-    reference_from_run,
+    update_reference,
 )
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
 from vioapr.geometry.arrays import Array, namespace, select, zeros
@@ -97,8 +96,7 @@ def step(
     )
     run = extend_run(params, state.run, frame)
     completes = is_aligning & (run.length >= params.run_pairs + 1)
-    before = state.reference
-    after = choose_reference(completes, reference_from_run(params, run), before)
+    after = update_reference(params, state.reference, run, completes)
 
     is_keyframe = completes | (is_optimizing & agrees)
     status = _status(frame.tracking_ok & after.is_known, is_keyframe, is_optimizing, state)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import array_api_compat
@@ -56,3 +57,33 @@ def select(condition: Array, if_true: Array, if_false: Array) -> Array:
     xp = namespace(condition, if_true)
     trailing = if_true.ndim - condition.ndim
     return xp.where(condition[(..., *(None,) * trailing)], if_true, if_false)
+
+
+def compute_where(
+    condition: Array,
+    compute: Callable[..., tuple[Array, ...]],
+    inputs: tuple[Array, ...],
+    otherwise: tuple[Array, ...],
+) -> tuple[Array, ...]:
+    """`compute(*inputs)` in the rows where a condition holds, `otherwise` in the others.
+
+    For what is costly and rarely needed. NumPy computes the needed rows only. Other backends
+    compute all and select: which rows are needed is not known when a graph is traced, and not
+    worth a synchronization on a GPU.
+
+    Args:
+        condition: Booleans, the batch shape (...).
+        compute: From arrays of shape (rows, ...) to a tuple of arrays of shape (rows, ...).
+        inputs: Arrays of the batch shape and further axes.
+        otherwise: Arrays of the batch shape and the further axes of the results.
+    """
+    if namespace(condition, *inputs) is not array_api_compat.numpy:
+        computed = compute(*inputs)
+        return tuple(select(condition, *pair) for pair in zip(computed, otherwise, strict=True))
+    if not condition.any():
+        return otherwise
+    results = tuple(array.copy() for array in otherwise)
+    computed = compute(*(array[condition] for array in inputs))
+    for result, values in zip(results, computed, strict=True):
+        result[condition] = values
+    return results

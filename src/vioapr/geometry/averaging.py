@@ -60,7 +60,9 @@ def mean_quaternion(quats_xyzw: Array, weights: Array) -> Array:
     xp = namespace(quats_xyzw)
     weighted = quats_xyzw * weights[..., None]
     power = xp.matrix_transpose(weighted) @ quats_xyzw
-    for _ in range(_SQUARINGS):
-        power = power / xp.max(xp.abs(power), axis=(-2, -1), keepdims=True)
+    for squaring in range(_SQUARINGS):
+        # Between two scalings entries grow to 4^7 at most: far from overflow.
+        if squaring % 3 == 0:
+            power = power / xp.max(xp.abs(power), axis=(-2, -1), keepdims=True)
         power = power @ power
     return normalize(longest_row(power))

@@ -1,0 +1,79 @@
+"""What the benchmarks share: the machine's name, fair timing, and results as JSON."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+
+def describe_machine(packages: Sequence[str]) -> dict[str, str]:
+    """Processor, system and the versions that the figures depend on."""
+    versions = {name: _version(name) for name in packages}
+    return {
+        "cpu": _cpu_model(),
+        "cores": str(os.cpu_count()),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        **versions,
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _cpu_model() -> str:
+    """The processor's name; Python's own answer is only its architecture on Linux."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()
+
+
+def time_interleaved(jobs: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, list[float]]:
+    """Seconds of every job, run in turns (A B A B) so that a slow spell hits all alike.
+
+    Every job runs once more at the start, which does not count.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    for repeat in range(repeats + 1):
+        for name, job in jobs.items():
+            start = time.perf_counter()
+            job()
+            if repeat > 0:
+                seconds[name].append(time.perf_counter() - start)
+    return seconds
+
+
+def summarize_us(seconds: Sequence[float], frames: int) -> dict[str, float]:
+    """Median, fastest and slowest repeat, as microseconds a frame."""
+    per_frame = [1e6 * value / frames for value in seconds]
+    return {
+        "median_us": statistics.median(per_frame),
+        "min_us": min(per_frame),
+        "max_us": max(per_frame),
+    }
+
+
+def resident_bytes() -> int | None:
+    """Memory of this process that is in RAM, or None where the system has no /proc."""
+    statm = Path("/proc/self/statm")
+    if not statm.exists():
+        return None
+    return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def write_json(path: Path, results: Mapping[str, Any]) -> None:
+    """Write results, readable by people too."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
