@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers import convert_frames, frames_of, to_numpy
 
+from helpers import convert_frames, frames_of, to_numpy
 from vioapr.fusion.methods import METHODS
 from vioapr.recording.simulated_walk import WalkParams, simulate_walk
 

@@ -16,13 +16,22 @@ from rich.table import Table
 from vioapr.cli.console import console, progress
 from vioapr.cli.method_params import MethodParams, parse_methods
 from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
-from vioapr.evaluation.formatting import format_levels, format_median, format_p95, format_share
+from vioapr.evaluation.formatting import (
+    format_levels,
+    format_median,
+    format_p95,
+    format_share,
+    format_walks,
+)
 from vioapr.evaluation.report import count_report_ticks, write_report
-from vioapr.evaluation.tables import Group, group_results, to_csv, to_json
+from vioapr.evaluation.tables import Group, Row, group_results, to_csv, to_json
 from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.formats.base import write_text
 from vioapr.fusion.offline import View
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
+
+_WIDE = 140
+"""Columns of a terminal from which the raw figures fit beside the fused ones."""
 
 
 def evaluate(
@@ -106,25 +115,29 @@ def print_tables(groups: Sequence[Group]) -> None:
 
 
 def _make_table(group: Group) -> Table:
-    cases = f"{group.cases} walk{'s' if group.cases != 1 else ''}"
-    table = Table(title=f"{group.title}: {cases}", title_justify="left")
+    """Raw figures beside the fused ones, or below them where the terminal is narrow."""
+    is_wide = console.width >= _WIDE
+    table = Table(title=f"{group.title}: {format_walks(group)}", title_justify="left")
     for header in ("method", "frames"):
         table.add_column(header, no_wrap=True)
-    for header in ("share", "median", "raw", "p95", "raw", "levels %", "raw"):
+    raw_header = ("raw",) if is_wide else ()
+    for header in ("share", "median", *raw_header, "p95", *raw_header, "levels %", *raw_header):
         table.add_column(header, justify="right", no_wrap=True)
     previous = ""
     for row in group.rows:
         if previous and row.method != previous:
             table.add_section()
-        table.add_row(
-            row.method if row.method != previous else "",
-            row.subset,
-            format_share(row.fused),
-            *(
-                figures(summary)
-                for figures in (format_median, format_p95, format_levels)
-                for summary in (row.fused, row.raw)
-            ),
-        )
+        name = row.method if row.method != previous else ""
+        table.add_row(name, row.subset, format_share(row.fused), *_figures(row, is_wide))
         previous = row.method
     return table
+
+
+def _figures(row: Row, is_wide: bool) -> list[str]:
+    pairs = [
+        (figures(row.fused), figures(row.raw))
+        for figures in (format_median, format_p95, format_levels)
+    ]
+    if is_wide:
+        return [text for pair in pairs for text in pair]
+    return [f"{fused}\n[dim]raw {raw}[/dim]" for fused, raw in pairs]

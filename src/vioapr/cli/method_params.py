@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import field, make_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
@@ -12,16 +12,21 @@ from vioapr.fusion.methods import METHODS, get_method
 
 _PARAMS_TYPES = list(dict.fromkeys(method.params_type for method in METHODS.values()))
 
-MethodParams: Any = make_dataclass(
-    "MethodParams",
-    [
-        (kind.__name__, tyro.conf.OmitArgPrefixes[kind], field(default_factory=kind))
-        for kind in _PARAMS_TYPES
-        if kind.__dataclass_fields__
-    ],
-    frozen=True,
-)
-"""A field for each type of parameters; a newly registered method's flags appear by themselves."""
+if TYPE_CHECKING:
+
+    class MethodParams:
+        """Made below, as its fields are those of the methods that are registered."""
+
+else:
+    MethodParams = make_dataclass(
+        "MethodParams",
+        [
+            (kind.__name__, tyro.conf.OmitArgPrefixes[kind], field(default_factory=kind))
+            for kind in _PARAMS_TYPES
+            if kind.__dataclass_fields__
+        ],
+        frozen=True,
+    )
 
 
 def params_for(name: str, params: Any) -> Any:

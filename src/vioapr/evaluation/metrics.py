@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ class PoseErrors(NamedTuple):
     position_m: NDArray[np.float64]
     orientation_deg: NDArray[np.float64]
 
-    def at(self, index: object) -> PoseErrors:
+    def at(self, index: Any) -> PoseErrors:
         """The errors at an index of all axes."""
         return PoseErrors(self.position_m[index], self.orientation_deg[index])
 
@@ -101,14 +101,14 @@ def summarize(errors: PoseErrors, is_counted: Array | None = None) -> Summary:
     position = np.where(counted, errors.position_m, np.nan)
     orientation = np.where(counted, errors.orientation_deg, np.nan)
     count = counted.sum(axis=-1)
-    levels = [
+    high, medium, low = (
         _ratio(((position <= limit_m) & (orientation <= limit_deg)).sum(axis=-1), count)
         for limit_m, limit_deg in PRECISION_LEVELS.values()
-    ]
+    )
     median_m, p95_m = _quantiles(position, count)
     median_deg, p95_deg = _quantiles(orientation, count)
     share = _ratio(count, np.full_like(count, counted.shape[-1]))
-    return Summary(median_m, median_deg, p95_m, p95_deg, *levels, share)
+    return Summary(median_m, median_deg, p95_m, p95_deg, high, medium, low, share)
 
 
 def _ratio(part: NDArray, whole: NDArray) -> NDArray[np.float64]:

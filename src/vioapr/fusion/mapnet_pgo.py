@@ -103,8 +103,8 @@ def init(params: MapnetPgoParams, batch_shape: tuple[int, ...], like: Array) -> 
     """The window before the first frame."""
     shape = (*batch_shape, int(params.window))
     # Separate arrays: a tracer would take one array that is passed thrice for one input.
-    poses = (Rigid3.identity(shape, like=like) for _ in range(3))
-    return Window(*poses, zeros(batch_shape, like))
+    pose, apr, vio = (Rigid3.identity(shape, like=like) for _ in range(3))
+    return Window(pose, apr, vio, zeros(batch_shape, like))
 
 
 def step(params: MapnetPgoParams, state: Window, frame: FrameInput) -> tuple[Window, Estimate]:

@@ -1,0 +1,58 @@
+"""The tables' figures as text, the same in the terminal's tables and in the report."""
+
+from __future__ import annotations
+
+import math
+
+from vioapr.evaluation.metrics import Summary
+from vioapr.evaluation.tables import Group
+
+UNKNOWN = "–"
+"""Stands for a figure over no frames."""
+
+
+def format_median(summary: Summary) -> str:
+    """Median position (m) and orientation error (deg), as in the paper's Tables 2 and 4."""
+    return _format_errors(float(summary.median_m), float(summary.median_deg))
+
+
+def format_p95(summary: Summary) -> str:
+    """95th percentiles of position (m) and orientation error (deg)."""
+    return _format_errors(float(summary.p95_m), float(summary.p95_deg))
+
+
+def format_levels(summary: Summary) -> str:
+    """Shares (%) of the counted frames within each precision level, as in Tables 3 and 5."""
+    levels = [float(level) for level in (summary.high, summary.medium, summary.low)]
+    if not any(math.isfinite(level) for level in levels):
+        return UNKNOWN
+    return "/".join(format_number(100 * level, 1) for level in levels)
+
+
+def format_share(summary: Summary) -> str:
+    """Share (%) of all frames that the summary counts."""
+    share = float(summary.share)
+    return f"{format_number(100 * share, 1)} %" if math.isfinite(share) else UNKNOWN
+
+
+def format_walks(group: Group) -> str:
+    """How many walks a group has, and how many runs with several draws of odometry."""
+    walks = len({result.case.walk for result in group.results})
+    text = f"{walks} walk{'s' if walks != 1 else ''}"
+    return text if walks == group.cases else f"{text} ({group.cases} with every draw of odometry)"
+
+
+def format_number(value: float, digits: int = 2) -> str:
+    """A number with so many digits after the point, or a dash where it is unknown."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else UNKNOWN
+
+
+def format_error(error: float) -> str:
+    """An error in m or deg: two digits, three below 1, where two would tell little."""
+    return format_number(error, 3 if 0 < error < 1 else 2)
+
+
+def _format_errors(error_m: float, error_deg: float) -> str:
+    if not (math.isfinite(error_m) or math.isfinite(error_deg)):
+        return UNKNOWN
+    return f"{format_error(error_m)} / {format_error(error_deg)}"

@@ -1,0 +1,233 @@
+"""How figures and the report look: colours, what is drawn of long lines, and the page's CSS.
+
+Matplotlib is imported where a figure is made, not with this module: it takes a second, which
+commands that draw nothing should not wait for.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+Array1 = NDArray[np.float64]
+
+MAX_POINTS = 600
+"""About as many points are drawn of a line; a figure is hardly wider in pixels."""
+
+RAW = "apr"
+"""The method whose poses are the raw predictions; its colour is theirs."""
+
+_METHOD_COLORS = {
+    RAW: "#d55e00",
+    "vio": "#009e73",
+    "vio-apr": "#0072b2",
+    "mapnet-pgo": "#e69f00",
+    "pose-graph": "#cc79a7",
+    "consensus": "#222222",
+}
+_DPI = 110
+_OTHER_COLORS = ("#882255", "#56b4e9", "#999933", "#661100")
+
+RC_PARAMS = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "lines.linewidth": 1.5,
+    # Without a salt of ours, element ids are random and no two files of a figure are equal.
+    "svg.hashsalt": "vioapr",
+    # Names of files are not formulas, whatever dollar signs they have.
+    "text.parse_math": False,
+}
+"""Matplotlib's settings for every figure, whatever the user's own file of settings says."""
+
+
+def method_colors(methods: Iterable[str]) -> dict[str, str]:
+    """Colours of methods (Okabe and Ito's colour-blind-safe palette and Tol's for unknown ones).
+
+    Args:
+        methods: All methods of a run, in its order; equal lists get equal colours.
+    """
+    others = cycle(_OTHER_COLORS)
+    return {name: _METHOD_COLORS.get(name) or next(others) for name in dict.fromkeys(methods)}
+
+
+def house_style() -> AbstractContextManager[None]:
+    """Matplotlib's defaults with our settings, as long as the context lasts."""
+    from matplotlib import style
+
+    return style.context(["default", RC_PARAMS])
+
+
+def new_figure(
+    width_in: float,
+    height_in: float,
+    *,
+    rows: int = 1,
+    cols: int = 1,
+    layout: Any = "constrained",
+    **options: Any,
+) -> tuple[Figure, NDArray]:
+    """A figure that no global state knows of, and its axes, shape (rows * cols,)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout=layout)
+    return figure, figure.subplots(rows, cols, squeeze=False, **options).ravel()
+
+
+def label_log_axis(axis: Axis) -> None:
+    """Label a log axis, whose limits are set, with plain numbers: as many as there is room for."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low)
+    subs = (1.0, 2.0, 5.0) if decades < 2.3 else (1.0, 3.0) if decades < 3 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def render(figure: Figure) -> tuple[bytes, bytes]:
+    """A figure as PNG and SVG; equal figures give equal bytes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    png, svg = io.BytesIO(), io.BytesIO()
+    with house_style(), warnings.catch_warnings():
+        # A regressor's name in letters that the font lacks is drawn as boxes.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        figure.set_dpi(_DPI)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        # A third of the size in a palette, which serves figures of few colours as well.
+        pixels = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+        palette = pixels.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        palette.save(png, format="png")
+        # The layout has been found; finding it again would take as long as drawing.
+        figure.set_layout_engine("none")
+        figure.savefig(svg, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
+    return png.getvalue(), svg.getvalue()
+
+
+def thin(values: Array1, limit: int = MAX_POINTS) -> NDArray[np.intp]:
+    """Rows that show a long line's course: the lowest and the highest value of each stretch.
+
+    Means would hide the outliers that figures are there to show. Where a stretch has a row
+    without value, it is kept, so that gaps stay gaps.
+    """
+    if len(values) <= limit:
+        return np.arange(len(values))
+    kept: list[int] = []
+    for rows in np.array_split(np.arange(len(values)), limit // 3):
+        known = rows[np.isfinite(values[rows])]
+        if len(known):
+            kept += [known[np.argmin(values[known])], known[np.argmax(values[known])]]
+        kept += list(rows[~np.isfinite(values[rows])][:1])
+    return np.unique(kept)
+
+
+def spread(count: int, limit: int = MAX_POINTS) -> NDArray[np.intp]:
+    """At most `limit` of so many rows, evenly spread, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, limit)).astype(np.intp))
+
+
+def spread_in_time(times: Array1) -> NDArray[np.intp]:
+    """As `spread`, but evenly in time: the rate of frames may differ along a walk."""
+    wanted = np.linspace(times[0], times[-1], min(len(times), MAX_POINTS))
+    return np.unique(np.searchsorted(times, wanted).clip(max=len(times) - 1))
+
+
+def log_limits(errors: Sequence[Array1], upper_percentile: float = 100) -> tuple[float, float]:
+    """Limits of a log axis, which a few errors close to 0 must not stretch."""
+    values = np.concatenate(list(errors))
+    values = values[np.isfinite(values) & (values > 0)]
+    if not len(values):
+        return 0.01, 1.0
+    low, high = np.percentile(values, [2, upper_percentile])
+    if upper_percentile == 100:
+        high *= 1.3  # markers stay clear of the edge
+    return float(np.clip(low / 1.3, high / 1e4, high / 10)), float(high)
+
+
+CSS = """
+:root { color-scheme: light dark; --text: #1c2024; --soft: #5c6670; --page: #ffffff;
+  --panel: #f5f7f9; --line: #d8dee4; --link: #0059b3; }
+@media (prefers-color-scheme: dark) { :root { --text: #e6e9ec; --soft: #9aa4ae; --page: #15181b;
+  --panel: #1f2428; --line: #363d44; --link: #7db8ff; } }
+* { box-sizing: border-box; }
+html { scroll-behavior: smooth; }
+body { margin: 0; background: var(--page); color: var(--text);
+  font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
+a { color: var(--link); text-decoration: none; }
+a:hover { text-decoration: underline; }
+.layout { display: grid; grid-template-columns: 14rem minmax(0, 1fr); max-width: 88rem;
+  margin: 0 auto; }
+nav { position: sticky; top: 0; align-self: start; max-height: 100vh; overflow-y: auto;
+  padding: 1.5rem 1rem; border-right: 1px solid var(--line); font-size: 0.875rem; }
+nav ol { list-style: none; margin: 0; padding: 0; }
+nav li { margin: 0.35rem 0; overflow-wrap: anywhere; }
+main { padding: 1.5rem 2rem 4rem; min-width: 0; }
+h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 0.5rem; overflow-wrap: anywhere; }
+h2 { font-size: 1.3rem; margin: 3rem 0 0.5rem; padding-top: 1rem;
+  border-top: 1px solid var(--line); overflow-wrap: anywhere; }
+h3 { font-size: 1.05rem; margin: 1.5rem 0 0.5rem; }
+h2, h3 { scroll-margin-top: 1rem; line-height: 1.3; }
+p, dl, ul { max-width: 48rem; }
+.note { color: var(--soft); font-size: 0.9rem; }
+dl { display: grid; grid-template-columns: max-content minmax(0, 1fr); gap: 0.25rem 1.25rem; }
+dt { font-weight: 600; max-width: 12rem; }
+dd { margin: 0; overflow-wrap: anywhere; }
+pre { background: var(--panel); padding: 0.75rem 1rem; border-radius: 6px; overflow-x: auto; }
+code { font: 0.9em/1.4 ui-monospace, SFMono-Regular, Menlo, monospace; }
+.scroll { overflow-x: auto; margin: 0.75rem 0; border: 1px solid var(--line);
+  border-radius: 6px; }
+table { border-collapse: collapse; width: 100%; font-size: 0.8125rem;
+  font-variant-numeric: tabular-nums; }
+th, td { padding: 0.35rem 0.55rem; text-align: right; white-space: nowrap; }
+th { background: var(--panel); font-weight: 600; vertical-align: bottom; }
+th[colspan] { text-align: center; }
+th.text, td.text { text-align: left; }
+td.text { white-space: normal; min-width: 6.5rem; }
+.words td:not(:first-child) { white-space: normal; min-width: 14rem; }
+thead tr:last-child th { border-bottom: 1px solid var(--line); }
+tbody tr:nth-child(even) { background: color-mix(in srgb, var(--panel) 55%, transparent); }
+.left { border-left: 1px solid var(--line); }
+.dot { display: inline-block; width: 0.7em; height: 0.7em; border-radius: 50%;
+  margin-right: 0.45em; }
+figure { margin: 1.5rem 0; }
+figure .scroll { max-width: 62rem; margin: 0; background: #ffffff; }
+figure img { display: block; width: 100%; height: auto; padding: 0.5rem; }
+figcaption { max-width: 62rem; color: var(--soft); font-size: 0.9rem; margin-top: 0.4rem; }
+details { margin: 1rem 0; }
+summary { cursor: pointer; color: var(--link); }
+@media (max-width: 56rem) {
+  .layout { display: block; }
+  nav { z-index: 1; max-height: none; padding: 0.5rem 1rem; background: var(--page);
+    border-right: 0; border-bottom: 1px solid var(--line); overflow-x: auto; }
+  nav ol { display: flex; gap: 1.2rem; white-space: nowrap; }
+  nav li { margin: 0; overflow-wrap: normal; }
+  main { padding: 1rem 1rem 3rem; }
+  h2, h3 { scroll-margin-top: 3rem; }
+  figure img { padding: 0; min-width: 38rem; }
+}
+@media print { nav { display: none; } .layout { display: block; } }
+"""
+"""The page's style: no font, image or script from elsewhere."""
