@@ -172,7 +172,7 @@ def test_the_better_of_two_is_bold(groups, tmp_path):
     text, _ = write([dataclasses.replace(group, rows=[row])], tmp_path)
     assert "<b>0.500 </b>/ 2.00" in text
     assert "1.50 /<b> 1.00</b>" in text
-    assert ">0.30 / 1.00<" in text
+    assert ">0.300 / 1.00<" in text
     assert "<b>20.0</b>/" in text
 
 
