@@ -35,6 +35,7 @@ def progress(title: str, total: int) -> Iterator[Callable[[], None]]:
         TextColumn("ETA"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=error_console, transient=True) as bar:
+    is_shown = error_console.is_terminal
+    with Progress(*columns, console=error_console, transient=True, disable=not is_shown) as bar:
         task = bar.add_task(title, total=total)
         yield lambda: bar.advance(task)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import io
 import os
-import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
@@ -83,14 +82,17 @@ def _deferred(verb: Callable[..., Any]) -> Callable[..., Callable[[], Any]]:
 
 
 def _one_line(box: str) -> str:
-    """The message out of the parser's box of several lines."""
-    lines = [re.sub(r"^[│╭╰]\s?|\s*[│╮╯]$", "", line) for line in box.splitlines()]
+    """The message out of the parser's box of several lines, drawn or plain."""
+    lines = [line.strip("│╭╮╰╯ ") for line in box.splitlines()]
     sections: list[list[str]] = [[]]
-    for line in lines[1:]:
-        if line.startswith("──"):
+    for line in lines[1:]:  # the first is the box's title
+        if line and not line.strip("─-"):
             sections.append([])
-        else:
-            sections[-1].append(line.strip())
-    parts = [" ".join(section).strip() for section in sections]
-    kept = [parts[0], *(part for part in parts[1:] if part.startswith("Available"))]
-    return "; ".join(part.rstrip(".") for part in kept if part) + " (see vioapr --help)"
+        elif line:
+            sections[-1].append(line)
+    message, *others = (section for section in sections if section)
+    if message[0].startswith("Missing from"):
+        flags = [line.split()[0] for line in message if line.startswith("--")]
+        return f"missing {', '.join(flags)} (see vioapr --help)"
+    kept = [message, *(section for section in others if section[0].startswith("Available"))]
+    return "; ".join(" ".join(section).rstrip(".") for section in kept) + " (see vioapr --help)"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
 from vioapr.formats.base import Format, ReadOptions, is_folder, plain_name
-from vioapr.formats.registry import FORMATS, get_format, rank_formats
+from vioapr.formats.registry import FORMATS, get_format, recognize
 from vioapr.trajectory import Trajectory
 
 
@@ -52,21 +52,12 @@ def convert_file(
         ParameterError: No such format, none that the target's name means, the target exists,
             or its format needs what the trajectory does not have.
     """
-    reader = _find_source(source, source_format)
+    reader = get_format(source_format) if source_format else recognize(source)
     writer = get_format(target_format) if target_format else _find_target(target)
     _check_target(source, target, overwrite=overwrite)
     trajectory = reader.read(source, options or ReadOptions())
     writer.write(target, trajectory)
     return Conversion(reader.name, writer.name, len(trajectory), _losses(trajectory, writer))
-
-
-def _find_source(path: Path, name: str | None) -> Format:
-    if name is not None:
-        return get_format(name)
-    ranked = rank_formats(path)
-    if not ranked:
-        raise FormatError(path, f"not recognized: name its format with --from: {_listed()}")
-    return ranked[0][0]
 
 
 def _find_target(path: Path) -> Format:

@@ -25,7 +25,7 @@ from vioapr.formats import (
     stray,
     tum,
 )
-from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions, is_folder, read_bytes
+from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions, has_suffix, is_folder, read_bytes
 from vioapr.trajectory import Trajectory
 
 _ALL = (
@@ -69,11 +69,41 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
     """Formats that a file may be, likeliest first, each with a confidence of 0 to 1.
 
     Raises:
-        FormatError: It cannot be read at all.
+        FormatError: It cannot be read at all, or is empty.
     """
-    head = b"" if is_folder(path) else read_bytes(path, HEAD_BYTES)
+    if is_folder(path):
+        return _rank(path, b"")
+    head = read_bytes(path, HEAD_BYTES)
+    if not head.strip():
+        raise FormatError(path, "expected a trajectory, got an empty file")
+    return _rank(path, head) or _rank_by_rows(path, head) or _rank_by_name(path, head)
+
+
+def _rank(path: Path, head: bytes) -> list[tuple[Format, float]]:
     ranked = [(format_, format_.sniff(path, head)) for format_ in FORMATS.values()]
     return sorted((r for r in ranked if r[1] > 0), key=lambda r: -r[1])
+
+
+def _rank_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
+    """Formats that most of the first rows fit: its reader can then say which row is wrong."""
+    rows = [row for row in head.splitlines() if row.strip() and not row.startswith(b"#")][:20]
+    votes: dict[str, float] = {}
+    for row in rows:
+        for format_, confidence in _rank(path, row + b"\n"):
+            votes[format_.name] = votes.get(format_.name, 0.0) + confidence / len(rows)
+    ranked = [(FORMATS[name], share / 2) for name, share in votes.items() if share > 0.3]
+    return sorted(ranked, key=lambda r: -r[1])
+
+
+def _rank_by_name(path: Path, head: bytes) -> list[tuple[Format, float]]:
+    """The format that the name promises, for text that looks like none."""
+    if b"\0" in head:
+        return []
+    return [
+        (format_, 0.1)
+        for format_ in FORMATS.values()
+        if any(has_suffix(path, suffix) for suffix in format_.default_for)
+    ]
 
 
 def read_trajectory(
@@ -85,14 +115,26 @@ def read_trajectory(
         FormatError: It cannot be read, or its format is not recognized.
         ParameterError: There is no format of that name.
     """
-    options = options or ReadOptions()
-    if format_name is not None:
-        return get_format(format_name).read(path, options)
+    format_ = recognize(path) if format_name is None else get_format(format_name)
+    return format_.read(path, options or ReadOptions())
+
+
+def recognize(path: Path) -> Format:
+    """The format that a file most likely has.
+
+    Raises:
+        FormatError: It cannot be read, or looks like none.
+    """
     ranked = rank_formats(path)
     if not ranked:
-        raise FormatError(
-            path,
-            "not recognized as any known trajectory format; name it as one of: "
-            + ", ".join(FORMATS),
-        )
-    return ranked[0][0].read(path, options)
+        raise FormatError(path, _explain_stranger(path))
+    return ranked[0][0]
+
+
+def _explain_stranger(path: Path) -> str:
+    if is_folder(path):
+        found = "a folder that is of no format"
+    else:
+        is_binary = b"\0" in read_bytes(path, HEAD_BYTES)
+        found = "binary content" if is_binary else "text of no known format"
+    return f"expected a trajectory, got {found}; vioapr knows {', '.join(FORMATS)}"
