@@ -68,8 +68,14 @@ def evaluate_cases(
 
     Returns:
         For each method, in order, a result a case.
+
+    Raises:
+        MissingExtraError: A method needs a package that is not installed.
     """
     results = []
+    for name, params in params_of_method.items():
+        # A missing package must show now, not after minutes with other methods.
+        get_method(name).init(params, (), np.zeros(()))
     for name, params in params_of_method.items():
         walks = [case.frames for case in cases]
         fused = fuse_walks(get_method(name), params, walks, view=view, tick=tick)
