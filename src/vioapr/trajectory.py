@@ -121,9 +121,7 @@ class Trajectory:
                 f"cannot interpolate at {times[outside][0]:.6f} s: the trajectory covers "
                 f"{first:.6f} s to {last:.6f} s"
             )
-        after = np.clip(np.searchsorted(self.timestamps_s, times), 1, max(len(self) - 1, 1))
-        after = np.minimum(after, len(self) - 1)
-        before = np.maximum(after - 1, 0)
+        before, after = _bracket(times, self.timestamps_s)
         duration = self.timestamps_s[after] - self.timestamps_s[before]
         fraction = (times - self.timestamps_s[before]) / np.where(duration > 0, duration, 1.0)
         poses = self.target_from_source
@@ -249,8 +247,15 @@ def _associate_by_time(
 
 def nearest_rows(times_s: NDArray[np.float64], among_s: NDArray[np.float64]) -> NDArray[np.intp]:
     """For every time, the row of the nearest of some increasing times."""
-    after = np.clip(np.searchsorted(among_s, times_s), 1, max(len(among_s) - 1, 1))
-    after = np.minimum(after, len(among_s) - 1)
-    before = np.maximum(after - 1, 0)
+    before, after = _bracket(times_s, among_s)
     before_is_nearer = times_s - among_s[before] <= among_s[after] - times_s
     return np.where(before_is_nearer, before, after)
+
+
+def _bracket(
+    times_s: NDArray[np.float64], among_s: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """For every time, the two neighbouring rows that it lies between, or is nearest to."""
+    last = len(among_s) - 1
+    after = np.minimum(np.maximum(np.searchsorted(among_s, times_s), 1), last)
+    return np.maximum(after - 1, 0), after

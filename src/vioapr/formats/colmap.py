@@ -74,6 +74,20 @@ def _image_rows(path: Path, text: str) -> Rows:
     return Rows(path, fields, lines)
 
 
+def images_of(trajectory: Trajectory) -> list[tuple[int, str, list[float]]]:
+    """Number, name and `QW QX QY QZ TX TY TZ` of every image, as both of COLMAP's formats have.
+
+    Raises:
+        ParameterError: A name that the formats cannot hold.
+    """
+    names = writable_names(trajectory, ",")
+    columns = pose_columns(conventions.cam_from_world(trajectory.target_from_source), (3, 0, 1, 2))
+    return [
+        (number, name, [*row[3:], *row[:3]])
+        for number, (name, row) in enumerate(zip(names, columns, strict=True), start=1)
+    ]
+
+
 def write(path: Path, trajectory: Trajectory) -> None:
     """Write images.txt, or a model into a folder (a path without a suffix).
 
@@ -83,13 +97,8 @@ def write(path: Path, trajectory: Trajectory) -> None:
         ParameterError: A name that the format cannot hold.
         FormatError: A file cannot be written.
     """
-    names = writable_names(trajectory, ",")
-    columns = pose_columns(conventions.cam_from_world(trajectory.target_from_source), (3, 0, 1, 2))
     # The blank line is the image's points.
-    rows = [
-        (number, *row[3:], *row[:3], 1, f"{name}\n")
-        for number, (name, row) in enumerate(zip(names, columns, strict=True), start=1)
-    ]
+    rows = [(number, *pose, 1, f"{name}\n") for number, name, pose in images_of(trajectory)]
     content = f"# {_COLUMNS}\n# and a line of points\n" + format_rows(rows, " ")
     if path.suffix and not is_folder(path):
         write_text(path, content)

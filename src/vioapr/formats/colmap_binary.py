@@ -16,10 +16,10 @@ import numpy as np
 from vioapr.errors import FormatError
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions, is_folder, plain_name, read_bytes, write_bytes
-from vioapr.formats.colmap import PLACEHOLDER_PINHOLE, PLACEHOLDER_SIZE, file_of
-from vioapr.formats.named import build_named, writable_names
+from vioapr.formats.colmap import PLACEHOLDER_PINHOLE, PLACEHOLDER_SIZE, file_of, images_of
+from vioapr.formats.named import build_named
 from vioapr.formats.poses import poses_of
-from vioapr.formats.table import Rows, pose_columns
+from vioapr.formats.table import Rows
 from vioapr.trajectory import Trajectory
 
 _FILE = "images.bin"
@@ -92,11 +92,9 @@ def write(path: Path, trajectory: Trajectory) -> None:
         ParameterError: A name that the format cannot hold.
         FormatError: A file cannot be written.
     """
-    names = writable_names(trajectory, ",")
-    columns = pose_columns(conventions.cam_from_world(trajectory.target_from_source), (3, 0, 1, 2))
     images = [
-        _IMAGE.pack(number, *row[3:], *row[:3], 1) + name.encode() + b"\0" + _COUNT.pack(0)
-        for number, (name, row) in enumerate(zip(names, columns, strict=True), start=1)
+        _IMAGE.pack(number, *pose, 1) + name.encode() + b"\0" + _COUNT.pack(0)
+        for number, name, pose in images_of(trajectory)
     ]
     content = _COUNT.pack(len(images)) + b"".join(images)
     if path.suffix and not is_folder(path):

@@ -122,7 +122,9 @@ def inspect_file(
     options = options or ReadOptions()
     options = ReadOptions(options.rate_hz, options.sequence, skipped)
     ranked = rank_formats(path) if format_name is None else [(get_format(format_name), 1.0)]
-    trajectory = read_trajectory(path, format_name, options)
+    # The ranking is not made a second time; a file that is of no format raises here.
+    best = ranked[0][0].name if ranked else None
+    trajectory = read_trajectory(path, best, options)
     fits = [] if against is None else fit_readings(trajectory, against)
     warnings = [
         *_doubts(ranked),

@@ -8,7 +8,7 @@ from vioapr.fusion.gaps import relative_gap
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, select, zeros
 from vioapr.geometry.averaging import geometric_median, mean_quaternion
-from vioapr.geometry.rigid import Rigid3, between, choose
+from vioapr.geometry.rigid import Rigid3, between, choose, stack
 
 _NEWEST = (..., 0, slice(None))
 """Index of the newest pose in a run."""
@@ -140,16 +140,11 @@ def update_reference(
     size = xp.ones_like(run.length) * params.run_pairs + 1
     weights = xp.astype(index <= size[..., None], run.length.dtype)
     # Both worlds in one batch: half as many operations.
-    poses = _stack(run.apr_world_from_cam, run.vio_from_cam, axis=-3)
-    old = _stack(reference.apr_world_from_cam, reference.vio_from_cam, axis=-2)
+    poses = stack([run.apr_world_from_cam, run.vio_from_cam], axis=-3)
+    old = stack([reference.apr_world_from_cam, reference.vio_from_cam], axis=-2)
     new = compute_where(is_complete, _mean_poses, (*poses, weights), tuple(old))
     apr_world_from_cam, vio_from_cam = (Rigid3(*new).at((..., k, slice(None))) for k in range(2))
     return Reference(apr_world_from_cam, vio_from_cam, reference.is_known | is_complete)
-
-
-def _stack(left: Rigid3, right: Rigid3, axis: int) -> Rigid3:
-    xp = namespace(left.translation_m)
-    return Rigid3(*(xp.stack(pair, axis=axis) for pair in zip(left, right, strict=True)))
 
 
 def _mean_poses(positions_m: Array, quats_xyzw: Array, weights: Array) -> tuple[Array, Array]:

@@ -110,8 +110,8 @@ def init(params: MapnetPgoParams, batch_shape: tuple[int, ...], like: Array) -> 
 def step(params: MapnetPgoParams, state: Window, frame: FrameInput) -> tuple[Window, Estimate]:
     """One frame: a prediction enters the window and moves it, other frames are carried on."""
     xp = namespace(state.length)
-    keeps = frame.tracking_ok & ~frame.tracking_reset
-    state = state._replace(length=select(keeps, state.length, xp.zeros_like(state.length)))
+    length = select(frame.keeps_world, state.length, xp.zeros_like(state.length))
+    state = state._replace(length=length)
     is_used = frame.has_apr & frame.tracking_ok
     window = _choose_window(is_used, optimize(params, _extend(state, frame)), state)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vioapr.errors import ParameterError
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
+from vioapr.geometry import rigid
 from vioapr.geometry.arrays import namespace
 from vioapr.geometry.rigid import Rigid3
 
@@ -73,18 +74,12 @@ def stack_estimates(estimates: Sequence[Estimate]) -> Estimate:
     """Join estimates along a new leading axis."""
     xp = namespace(estimates[0].status)
 
-    def stack(values: Iterable[Any]) -> Any:
-        listed = list(values)
-        return None if listed[0] is None else xp.stack(listed)
-
-    poses = [
-        Rigid3(
-            stack(getattr(e, field).translation_m for e in estimates),
-            stack(getattr(e, field).quat_xyzw for e in estimates),
-        )
-        for field in ("world_from_cam", "world_from_vio")
-    ]
-    return Estimate(*poses, *(stack(e[i] for e in estimates) for i in range(2, len(estimates[0]))))
+    columns = [list(column) for column in zip(*estimates, strict=True)]
+    return Estimate(
+        rigid.stack(columns[0]),
+        rigid.stack(columns[1]),
+        *(None if column[0] is None else xp.stack(column) for column in columns[2:]),
+    )
 
 
 def fuse_walk(
@@ -139,18 +134,15 @@ def stack_walks(walks: Sequence[PairedFrames]) -> FrameInput:
     """
     length = max(len(walk) for walk in walks)
     padded = [_pad(walk.inputs, length) for walk in walks]
-
-    def stack(values: Iterable[Any]) -> Any:
-        return np.stack(list(values), axis=1)
-
-    columns = []
-    for field in FrameInput._fields:
-        values = [getattr(walk, field) for walk in padded]
-        if isinstance(values[0], Rigid3):
-            columns.append(Rigid3(*(stack(v[i] for v in values) for i in range(2))))
-        else:
-            columns.append(stack(values))
-    return FrameInput(*columns)
+    times, aprs, has_apr, vios, is_ok, is_reset = map(list, zip(*padded, strict=True))
+    return FrameInput(
+        np.stack(times, axis=1),
+        rigid.stack(aprs, axis=1),
+        np.stack(has_apr, axis=1),
+        rigid.stack(vios, axis=1),
+        np.stack(is_ok, axis=1),
+        np.stack(is_reset, axis=1),
+    )
 
 
 def _pad(frames: FrameInput, length: int) -> FrameInput:

@@ -121,7 +121,7 @@ def step(
     params: PoseGraphParams, state: PoseGraphState, frame: FrameInput
 ) -> tuple[PoseGraphState, Estimate]:
     """Add one frame to the graph; changes `state` and returns it."""
-    if frame.tracking_reset or not frame.tracking_ok:
+    if not frame.keeps_world:
         state.graph, state.count = None, 0
     has_prediction = bool(frame.has_apr and frame.tracking_ok)
     # Before its first prediction a segment could lie anywhere: the system has no solution.

@@ -54,6 +54,11 @@ class FrameInput(NamedTuple):
     tracking_ok: Array
     tracking_reset: Array
 
+    @property
+    def keeps_world(self) -> Array:
+        """Shape (...), whether what was known of the tracker's world still holds."""
+        return self.tracking_ok & ~self.tracking_reset
+
     def at(self, index: object) -> FrameInput:
         """The frames at an index of the leading axes."""
         return FrameInput(

@@ -24,7 +24,7 @@ def step(
     xp = namespace(estimate.status)
     tracked = xp.where(frame.tracking_ok & kept, estimate.status * 0 + int(Status.TRACKED), 0)
     frames_left = next_state.frames_left * 0 + xp.astype(kept, next_state.frames_left.dtype)
-    placed = estimate.world_from_vio @ frame.vio_from_cam
+    placed = next_state.reference.place(frame.vio_from_cam)
     return next_state._replace(frames_left=frames_left), estimate._replace(
         world_from_cam=hide_unless(tracked > 0, placed),
         status=tracked,

@@ -116,7 +116,7 @@ def step(
 
 def forget_lost_worlds(state: VioAprState, frame: FrameInput) -> VioAprState:
     """A lost or reset tracker starts a new segment: references to its old world are void."""
-    keeps = frame.tracking_ok & ~frame.tracking_reset
+    keeps = frame.keeps_world
     return VioAprState(
         state.run._replace(length=_zero_unless(keeps, state.run.length)),
         state.reference._replace(is_known=state.reference.is_known & keeps),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,18 @@ class Rigid3(NamedTuple):
     def at(self, index: object) -> Rigid3:
         """The transforms at an index of the leading axes."""
         return Rigid3(self.translation_m[index], self.quat_xyzw[index])
+
+
+def stack(transforms: Sequence[Rigid3], axis: int = 0) -> Rigid3:
+    """Join transforms along a new batch axis.
+
+    Args:
+        transforms: Of one batch shape (...).
+        axis: The new axis: from 0 at the front, or, counted from the components' axis, from
+            -2 at the back.
+    """
+    xp = namespace(transforms[0].translation_m)
+    return Rigid3(*(xp.stack(list(parts), axis=axis) for parts in zip(*transforms, strict=True)))
 
 
 def choose(condition: Array, if_true: Rigid3, if_false: Rigid3) -> Rigid3:
