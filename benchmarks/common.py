@@ -77,3 +77,11 @@ def write_json(path: Path, results: Mapping[str, Any]) -> None:
     """Write results, readable by people too."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+
+
+def replace_section(path: Path, name: str, text: str) -> None:
+    """Put a text between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a file."""
+    begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->\n"
+    whole = path.read_text(encoding="utf-8")
+    head, tail = whole.split(begin)[0], whole.split(end)[1]
+    path.write_text(head + begin + text + end + tail, encoding="utf-8")

@@ -33,9 +33,7 @@ def demo(out: Path = Path("vioapr-demo"), walks: int = 5, seed: int = 0) -> None
         for index in range(walks):
             _write_walk(out / "Simulated" / f"walk{index + 1:02d}", seed + index)
             tick()
-    methods = {
-        name: METHODS[name].params_type() for name in ("apr", "vio", "vio-apr", "mapnet-pgo")
-    }
+    methods = {name: METHODS[name].params_type() for name in ("apr", "vio", "vio-apr", "consensus")}
     cases = load_cases(find_walks([out / "Simulated"]))
     with progress("fusing", count_ticks(cases, list(methods))) as tick:
         groups = group_results(evaluate_cases(cases, methods, tick=tick))

@@ -36,7 +36,7 @@ _WIDE = 140
 
 def evaluate(
     walks: tyro.conf.Positional[tuple[Path, ...]],
-    methods: str = "apr,vio,vio-apr",
+    methods: str = "apr,vio,vio-apr,consensus",
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     csv_out: Annotated[Path | None, tyro.conf.arg(name="csv")] = None,
     report: Path | None = None,
@@ -53,8 +53,8 @@ def evaluate(
 
     Args:
         walks: Folders to search.
-        methods: Methods to run, separated by commas: apr, vio, vio-apr, mapnet-pgo,
-            pose-graph.
+        methods: Methods to run, separated by commas: apr, vio, vio-apr, consensus,
+            mapnet-pgo, pose-graph.
         json_out: JSON to write: the tables, and every walk's own figures.
         csv_out: CSV to write: a row a frame that has ground truth, with its pose and errors.
         report: Folder to write an HTML page with tables and figures to (index.html).

@@ -16,6 +16,7 @@ from vioapr.formats.registry import read_trajectory
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import FusedWalk, View, fuse_walk
 from vioapr.fusion.pairing import pair_frames
+from vioapr.fusion.smoothing import smooth_walk
 from vioapr.fusion.types import Status
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory
 
@@ -27,6 +28,7 @@ def fuse(
     method: str = DEFAULT_METHOD,
     tum_out: Annotated[Path | None, tyro.conf.arg(name="tum")] = None,
     view: View = "retrospective",
+    offline: bool = False,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
     apr_format: str | None = None,
     vio_format: str | None = None,
@@ -43,10 +45,12 @@ def fuse(
         out: CSV to write, a row a frame: timestamp_s,status,x,y,z,qx,qy,qz,qw and, where the
             method has them, sigma_position_m,sigma_orientation_deg. Unlocalized frames have
             nan.
-        method: How to fuse: apr, vio, vio-apr, mapnet-pgo or pose-graph.
+        method: How to fuse: consensus, vio-apr (the paper's), apr, vio, mapnet-pgo or
+            pose-graph.
         tum_out: TUM file to write too, with the localized frames.
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.
+        offline: Use the future too: the best trajectory after the walk (consensus only).
         tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
         apr_format: Format of the predictions, if it is not recognized.
         vio_format: Format of the VIO poses, if it is not recognized.
@@ -56,8 +60,10 @@ def fuse(
     frames = pair_frames(
         read_trajectory(apr, apr_format), read_trajectory(vio, vio_format), tolerance_s
     )
-    with progress(f"fusing by {method}", len(frames)) as tick:
-        fused = fuse_walk(chosen, chosen_params, frames, view=view, tick=tick)
+    run = smooth_walk if offline else fuse_walk
+    passes = 2 if offline else 1
+    with progress(f"fusing by {method}", passes * len(frames)) as tick:
+        fused = run(chosen, chosen_params, frames, view=view, tick=tick)
     write_text(out, to_csv(fused))
     console.print(f"{out}: {_describe(fused)}")
     if tum_out is not None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from vioapr.errors import ParameterError
 from vioapr.fusion import apr, mapnet_pgo, pose_graph, vio, vio_apr
+from vioapr.fusion.consensus import method as consensus
 from vioapr.fusion.types import Method
 
 METHODS: dict[str, Method] = {
-    module.METHOD.name: module.METHOD for module in (apr, vio, vio_apr, mapnet_pgo, pose_graph)
+    module.METHOD.name: module.METHOD
+    for module in (apr, vio, vio_apr, consensus, mapnet_pgo, pose_graph)
 }
 
-DEFAULT_METHOD = vio_apr.METHOD.name
+DEFAULT_METHOD = consensus.METHOD.name
 
 
 def get_method(name: str) -> Method:

@@ -84,6 +84,8 @@ class Estimate(NamedTuple):
         sigma_position_m: Shape (...), standard deviation per axis in metres, or None where
             the method has none.
         sigma_orientation_deg: Shape (...), likewise in degrees.
+        sigma_position_axes_m: Shape (..., 3), along each axis of the world, or None.
+        sigma_orientation_axes_deg: Shape (..., 3), about each axis of the world, or None.
     """
 
     world_from_cam: Rigid3
@@ -92,6 +94,8 @@ class Estimate(NamedTuple):
     confirmed_run: Array
     sigma_position_m: Array | None = None
     sigma_orientation_deg: Array | None = None
+    sigma_position_axes_m: Array | None = None
+    sigma_orientation_axes_deg: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,14 @@ def select(condition: Array, if_true: Array, if_false: Array) -> Array:
     return xp.where(condition[(..., *(None,) * trailing)], if_true, if_false)
 
 
+def holds_nowhere(condition: Array) -> bool:
+    """Whether it is certain that a condition holds in no row, so that work can be left out.
+
+    Known in NumPy only; see `compute_where`.
+    """
+    return namespace(condition) is array_api_compat.numpy and not condition.any()
+
+
 def compute_where(
     condition: Array,
     compute: Callable[..., tuple[Array, ...]],
@@ -80,7 +88,7 @@ def compute_where(
     if namespace(condition, *inputs) is not array_api_compat.numpy:
         computed = compute(*inputs)
         return tuple(select(condition, *pair) for pair in zip(computed, otherwise, strict=True))
-    if not condition.any():
+    if holds_nowhere(condition):
         return otherwise
     results = tuple(array.copy() for array in otherwise)
     computed = compute(*(array[condition] for array in inputs))
