@@ -37,7 +37,7 @@ from vioapr.fusion.types import FrameInput
 from vioapr.geometry.rigid import Rigid3
 from vioapr.recording.simulated_walk import WalkParams, simulate_walk
 
-BATCHED_METHODS = ("apr", "vio", "vio-apr", "mapnet-pgo")
+BATCHED_METHODS = ("apr", "vio", "vio-apr", "consensus", "mapnet-pgo")
 RATE_HZ = 2.0
 _LAST_FRAMES = 200
 """Frames before every memory reading that are timed."""

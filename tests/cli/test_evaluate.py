@@ -18,8 +18,8 @@ def test_tables_and_files(run, walk_dir, tmp_path):
     assert (group["set"], group["vio"], group["apr"]) == ("Set", "sim", "net")
     with (tmp_path / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 3 * 60
-    assert {row["method"] for row in rows} == {"apr", "vio", "vio-apr"}
+    assert len(rows) == 4 * 60
+    assert {row["method"] for row in rows} == {"apr", "vio", "vio-apr", "consensus"}
 
 
 @pytest.mark.slow

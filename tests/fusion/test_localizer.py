@@ -59,7 +59,7 @@ def test_predictions_at_1_hz_with_vio_at_60_hz(walk):
 
 
 def test_a_lost_tracker_starts_a_new_segment(walk):
-    localizer = Localizer()
+    localizer = Localizer("vio-apr")
     for row in range(10):
         estimate = feed(localizer, walk, row)
     assert estimate.status == Status.KEYFRAME
@@ -71,7 +71,7 @@ def test_a_lost_tracker_starts_a_new_segment(walk):
 
 
 def test_no_vio_pose_is_a_lost_tracker(walk):
-    localizer = Localizer()
+    localizer = Localizer("vio-apr")
     for row in range(10):
         feed(localizer, walk, row)
     estimate = localizer.update(10.0, walk.apr.target_from_source.at(10), None)
@@ -79,7 +79,7 @@ def test_no_vio_pose_is_a_lost_tracker(walk):
 
 
 def test_a_reset_tracker_starts_a_new_segment_with_its_first_frame(walk):
-    localizer = Localizer()
+    localizer = Localizer("vio-apr")
     for row in range(10):
         feed(localizer, walk, row)
     statuses = [feed(localizer, walk, row, tracking_reset=row == 10).status for row in (10, 11, 12)]
@@ -105,7 +105,7 @@ def test_raw_predictions_need_no_tracker(walk):
 
 
 def test_matrices_are_taken_too(walk):
-    matrices, rigids = Localizer(), Localizer()
+    matrices, rigids = Localizer("vio-apr"), Localizer("vio-apr")
     for row in range(5):
         apr, vio = walk.apr.target_from_source.at(row), walk.vio.target_from_source.at(row)
         one = matrices.update(row, apr.to_matrix(), vio.to_matrix().tolist())
@@ -133,7 +133,7 @@ def test_streaming_equals_a_batch(name):
 
 
 def test_reset_forgets(walk):
-    localizer = Localizer()
+    localizer = Localizer("vio-apr")
     for row in range(5):
         feed(localizer, walk, row)
     localizer.reset()
@@ -158,14 +158,14 @@ def mirrored():
     ],
 )
 def test_bad_frames_are_refused(args, message):
-    localizer = Localizer()
+    localizer = Localizer("vio-apr")
     with pytest.raises(ParameterError, match=message):
         localizer.update(*args)
     assert localizer.update(0.0, HERE, HERE).status == Status.UNLOCALIZED
 
 
 def test_time_must_go_on():
-    localizer = Localizer()
+    localizer = Localizer("vio-apr")
     localizer.update(1.0, None, HERE)
     with pytest.raises(ParameterError, match=r"after the last frame's \(1.000000 s\), got 1.0"):
         localizer.update(1.0, None, HERE)

@@ -67,6 +67,11 @@ def holds_nowhere(condition: Array) -> bool:
     return namespace(condition) is array_api_compat.numpy and not condition.any()
 
 
+def holds_everywhere(condition: Array) -> bool:
+    """Whether it is certain that a condition holds in all rows; see `holds_nowhere`."""
+    return namespace(condition) is array_api_compat.numpy and bool(condition.all())
+
+
 def compute_where(
     condition: Array,
     compute: Callable[..., tuple[Array, ...]],
@@ -90,7 +95,7 @@ def compute_where(
         return tuple(select(condition, *pair) for pair in zip(computed, otherwise, strict=True))
     if holds_nowhere(condition):
         return otherwise
-    results = tuple(array.copy() for array in otherwise)
+    results = tuple(np.array(array) for array in otherwise)
     computed = compute(*(array[condition] for array in inputs))
     for result, values in zip(results, computed, strict=True):
         result[condition] = values

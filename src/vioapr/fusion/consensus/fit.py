@@ -13,12 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from vioapr.fusion.consensus.params import ConsensusParams
-from vioapr.fusion.consensus.votes import Odometer, Votes, view_gaps, viewing_direction
+from vioapr.fusion.consensus.votes import (
+    Odometer,
+    Votes,
+    squared_distances,
+    view_gaps_within,
+    viewing_direction,
+)
 from vioapr.geometry import quaternion
 from vioapr.geometry.arrays import Array, constant, namespace, select
 from vioapr.geometry.rigid import Rigid3
 
-_ITERATIONS = 5
+_ITERATIONS = 3
 _UPRIGHT_RAD = 0.35
 """A tracking world whose tilt is below this is taken for one that knows up: among worlds of
 any tilt, one in thirty is so near upright."""
@@ -91,17 +97,10 @@ def view_shares(params: ConsensusParams, votes: Votes, length_m: Array, length_r
     """Each vote's share of the one weight that its view has, shape (..., n)."""
     if not params.view_weights:
         return votes.is_valid
-    gaps = view_gaps(*_pairs(votes.vio_from_cam))
+    gaps = view_gaps_within(votes.vio_from_cam)
     kernel = namespace(length_m).exp(-0.5 * gaps.normalized(length_m[..., None, None], length_rad))
     density = namespace(kernel).sum(kernel * votes.is_valid[..., None, :], axis=-1)
     return votes.is_valid / (density + (1 - votes.is_valid))
-
-
-def _pairs(poses: Rigid3) -> tuple[Rigid3, Rigid3]:
-    return (
-        poses.at((..., slice(None), None, slice(None))),
-        poses.at((..., None, slice(None), slice(None))),
-    )
 
 
 def fit_rotation(
@@ -130,7 +129,7 @@ def fit_rotation(
     )
     jumps = _jump_variance(shares, ages.jumps_rad2, noise_rad)
     drifts = [rate[..., None] * ages.motion_m + jumps for rate in rates]
-    cosines = xp.sum(rotations[..., :, None, :] * rotations[..., None, :, :], axis=-1)
+    cosines = xp.matmul(rotations, xp.matrix_transpose(rotations))
     squared_angles = 4 * (1 - cosines * cosines)
     start = _best_supported(rotations, squared_angles, 2 * scatter_rad, shares, drifts[1])
     centre, is_upright = _upright(params, start)
@@ -177,7 +176,8 @@ def _shrink_tilt(
     squared = xp.sum(mean[..., :2] ** 2, axis=-1)
     known = weight / scatter**2
     favour = 0.5 * squared * known - xp.log(1 + known * _TILT_RAD**2) - 1.0
-    probability = 1 / (1 + xp.exp(-xp.clip(favour, -30.0, 30.0)))
+    most = xp.ones_like(favour) * 30.0
+    probability = 1 / (1 + xp.exp(xp.minimum(-favour, most)))
     factor = xp.where(is_upright, probability, xp.ones_like(probability))
     return xp.concat([mean[..., :2] * factor[..., None], mean[..., 2:]], axis=-1)
 
@@ -220,8 +220,7 @@ def fit_position(
     way2 = xp.sum(way * way, axis=-1)
     jumps = _jump_variance(shares, ages.jumps_m2, noise_m)
     drift = rate[..., None] * ages.motion_m + jumps
-    gaps = places[..., :, None, :] - places[..., None, :, :]
-    squared_gaps = xp.sum(gaps * gaps, axis=-1)
+    squared_gaps = squared_distances(places - places[..., :1, :])
     start = _best_supported(places, squared_gaps, 1.5 * scatter_m, shares, drift)
     samples = places - start[..., None, :]
     typical = _since_jumps(votes, ages.jumps_m2, noise_m)
@@ -277,7 +276,7 @@ def _doubt(distrust: Array, scatter: Array, votes: Votes, noise: Array) -> Array
     """
     xp = namespace(distrust)
     newest = (..., slice(0, _NEWEST))
-    squares = _median(distrust[newest], votes.is_valid[newest]) * scatter**2 / 3
+    squares = _typical(votes.is_valid[newest]).median(distrust[newest]) * scatter**2 / 3
     return xp.maximum(squares - _GATE * noise**2, xp.zeros_like(squares))
 
 
@@ -302,10 +301,39 @@ def _uneven(weights: Array, residuals: Array) -> Array:
     return xp.clip(squares / xp.mean(squares, axis=-1, keepdims=True), 0.3, 2.0)
 
 
-def _since_jumps(votes: Votes, jumps: Array, noise: Array) -> Array:
-    """1 for the votes that the tracker has not jumped away from since, shape (..., n)."""
+class _Typical(NamedTuple):
+    """Picks the lower median of some votes' values.
+
+    Attributes:
+        absent: Shape (..., n), a huge number for votes that do not count, else 0.
+        is_middle: Shape (..., n), 1 at the median's place in the sorted values, else 0.
+        number: Shape (...), of votes that count.
+    """
+
+    absent: Array
+    is_middle: Array
+    number: Array
+
+    def median(self, values: Array) -> Array:
+        """Of values of shape (..., n)."""
+        xp = namespace(values)
+        return xp.sum(xp.sort(values + self.absent, axis=-1) * self.is_middle, axis=-1)
+
+
+def _typical(counts: Array) -> _Typical:
+    """Of the votes where `counts` is 1 and not 0."""
+    xp = namespace(counts)
+    number = xp.sum(counts, axis=-1)
+    index = constant(np.arange(counts.shape[-1]), counts)
+    middle = xp.floor((number - 1) / 2)
+    is_middle = xp.astype(index == middle[..., None], counts.dtype)
+    return _Typical((1 - counts) * 1e12, is_middle, number)
+
+
+def _since_jumps(votes: Votes, jumps: Array, noise: Array) -> _Typical:
+    """The votes that the tracker has not jumped away from since."""
     xp = namespace(jumps)
-    return votes.is_valid * xp.astype(jumps < (noise**2)[..., None], jumps.dtype)
+    return _typical(votes.is_valid * xp.astype(jumps < (noise**2)[..., None], jumps.dtype))
 
 
 def _jump_variance(shares: Array, jumps: Array, noise: Array) -> Array:
@@ -319,31 +347,23 @@ def _jump_variance(shares: Array, jumps: Array, noise: Array) -> Array:
 
 
 def _distrust(
-    residuals: Array, typical: Array, last: Array, limits: tuple[float, float]
+    residuals: Array, typical: _Typical, last: Array, limits: tuple[float, float]
 ) -> tuple[Array, Array]:
     """(residual / scatter)^2, shape (..., n), and the scatter, from the median residual.
 
     Args:
         residuals: Shape (..., n, 3).
-        typical: Shape (..., n), 1 for the votes that the scatter is judged by, else 0.
+        typical: The votes that the scatter is judged by.
         last: The last scatter, which holds until there are some votes, shape (...).
         limits: Of the scatter.
     """
     xp = namespace(residuals)
     squares = xp.sum(residuals * residuals, axis=-1)
-    scatter = xp.sqrt(_median(squares, typical) / _MEDIAN_CHI2)
-    scatter = xp.where(xp.sum(typical, axis=-1) < _FEW, last, scatter)
-    scatter = xp.clip(scatter, *limits)
+    scatter = xp.sqrt(typical.median(squares) / _MEDIAN_CHI2)
+    scatter = xp.where(typical.number < _FEW, last, scatter)
+    least, most = (constant(limit, scatter) for limit in limits)
+    scatter = xp.minimum(xp.maximum(scatter, least), most)
     return squares / (scatter**2)[..., None], scatter
-
-
-def _median(values: Array, is_valid: Array) -> Array:
-    """Lower median of the valid values, shape (..., n) to (...)."""
-    xp = namespace(values)
-    ordered = xp.sort(xp.where(is_valid > 0, values, xp.ones_like(values) * 1e12), axis=-1)
-    middle = xp.floor((xp.sum(is_valid, axis=-1) - 1) / 2)
-    index = constant(np.arange(values.shape[-1]), values)
-    return xp.sum(xp.where(index == middle[..., None], ordered, xp.zeros_like(ordered)), axis=-1)
 
 
 def _best_supported(

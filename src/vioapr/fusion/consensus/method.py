@@ -27,7 +27,16 @@ from vioapr.fusion.consensus.votes import (
 )
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
 from vioapr.geometry import frames, quaternion
-from vioapr.geometry.arrays import Array, constant, holds_nowhere, namespace, norm, select, zeros
+from vioapr.geometry.arrays import (
+    Array,
+    constant,
+    holds_everywhere,
+    holds_nowhere,
+    namespace,
+    norm,
+    select,
+    zeros,
+)
 from vioapr.geometry.rigid import Rigid3, between, choose
 
 _NOVELTY = 0.8
@@ -40,7 +49,7 @@ _COMMON_BIAS_M, _COMMON_BIAS_RAD = 0.5, 0.2
 """Share of the errors' variance that all views of a place have in common, and that no
 comparison of votes can show."""
 
-_SCALE_M, _SCALE_RAD = 0.75, 0.68
+_SCALE_M, _SCALE_RAD = 0.75, 0.65
 """From the standard deviations to the scales of the heavy-tailed distribution that is stated:
 Student's t with two degrees of freedom (docs/accuracy.md, Calibration)."""
 
@@ -146,6 +155,8 @@ def step(
 
 def _select_state(condition: Array, if_true: Any, if_false: Any) -> Any:
     """Elementwise choice between states: nested tuples of arrays."""
+    if holds_everywhere(condition):
+        return if_true
     if not isinstance(if_true, tuple):
         return select(condition, if_true, if_false)
     parts = (_select_state(condition, a, b) for a, b in zip(if_true, if_false, strict=True))
@@ -195,9 +206,7 @@ def _add_vote(params: ConsensusParams, state: ConsensusState, frame: FrameInput)
         trust.noise_m,
     )
     trust = notice_scatter(trust, rotation, position)
-    if not holds_nowhere(is_new_view):
-        learned = learn(params, trust, votes, ages, rotation, position)
-        trust = _select_state(is_new_view, learned, trust)
+    trust = learn(params, trust, votes, ages, rotation, position, is_new_view)
     anchor = _anchor(params, state, frame, trust, rates, rotation, position)
     return state._replace(votes=votes, trust=trust, anchor=anchor)
 

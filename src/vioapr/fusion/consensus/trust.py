@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +16,9 @@ from vioapr.fusion.consensus.drift import (
 )
 from vioapr.fusion.consensus.fit import Ages, Fit
 from vioapr.fusion.consensus.params import ConsensusParams
-from vioapr.fusion.consensus.votes import RECENT, Votes, view_gaps
-from vioapr.geometry.arrays import Array, constant, namespace, select, zeros
+from vioapr.fusion.consensus.votes import RECENT, Votes, view_gaps_within
+from vioapr.geometry.arrays import Array, compute_where, constant, namespace, zeros
+from vioapr.geometry.rigid import Rigid3
 
 _LEARNING = 0.1
 """Weight of a new view's evidence in the running average."""
@@ -177,23 +179,37 @@ def learn(
     ages: Ages,
     rotation: Fit,
     position: Fit,
+    is_new_view: Array,
 ) -> Trust:
-    """After a vote from a new view: average its evidence in."""
+    """Average the evidence of votes in, where the newest older one is from a new view."""
     xp = namespace(votes.is_valid)
-    poses = votes.vio_from_cam
-    gaps = view_gaps(
-        poses.at((..., slice(None), None, slice(None))),
-        poses.at((..., None, slice(None), slice(None))),
-    )
+    enough = xp.sum(votes.is_valid, axis=-1) > RECENT + 1
     jumps = ages.jumps_m2 / (trust.noise_m**2)[..., None]
-    jumps = jumps + ages.jumps_rad2 / (trust.noise_rad**2)[..., None]
-    evidence = weigh_drifts(
-        xp.concat([rotation.samples, position.samples], axis=-1),
+    inputs = (
+        *trust,
+        *votes.vio_from_cam,
         votes.is_valid,
-        gaps,
-        _ERROR_LENGTH_M + _ERROR_LENGTH_PER_M * trust.noise_m,
         ages.motion_m,
+        jumps + ages.jumps_rad2 / (trust.noise_rad**2)[..., None],
+        xp.concat([rotation.samples, position.samples], axis=-1),
         rotation.excess + position.excess,
+    )
+    learned = compute_where(is_new_view & enough, partial(_learn, params), inputs, tuple(trust))
+    return Trust._make(learned)
+
+
+def _learn(params: ConsensusParams, *inputs: Array) -> tuple[Array, ...]:
+    """From what `learn` gathers, for rows of walks."""
+    count = len(Trust._fields)
+    trust = Trust._make(inputs[:count])
+    *pose, is_valid, motion_m, jumps, samples, excess = inputs[count:]
+    evidence = weigh_drifts(
+        samples,
+        is_valid,
+        view_gaps_within(Rigid3(*pose)),
+        _ERROR_LENGTH_M + _ERROR_LENGTH_PER_M * trust.noise_m,
+        motion_m,
+        excess,
         jumps,
         [
             Channel(slice(0, 2), trust.scatter_rad),
@@ -201,10 +217,7 @@ def learn(
             Channel(slice(3, 6), trust.scatter_m),
         ],
     )
-    learned = _average(params, trust, evidence)
-    enough = xp.sum(votes.is_valid, axis=-1) > RECENT + 1
-    chosen = [select(enough, new, old) for new, old in zip(learned, trust, strict=True)]
-    return Trust._make(chosen)
+    return tuple(_average(params, trust, evidence))
 
 
 def _average(params: ConsensusParams, trust: Trust, evidence: list[Evidence]) -> Trust:

@@ -174,6 +174,21 @@ def view_gaps(left: Rigid3, right: Rigid3) -> ViewGaps:
     return ViewGaps(xp.sum(moved * moved, axis=-1), xp.sum(turned * turned, axis=-1))
 
 
+def view_gaps_within(poses: Rigid3) -> ViewGaps:
+    """Between all pairs of n cameras, shape (..., n, n)."""
+    places = poses.translation_m - poses.translation_m[..., :1, :]
+    return ViewGaps(squared_distances(places), squared_distances(viewing_direction(poses)))
+
+
+def squared_distances(points: Array) -> Array:
+    """Between all pairs, shape (..., n, 3) to (..., n, n); best for points near the origin."""
+    xp = namespace(points)
+    squares = xp.sum(points * points, axis=-1)
+    products = xp.matmul(points, xp.matrix_transpose(points))
+    distances = squares[..., :, None] + squares[..., None, :] - 2 * products
+    return xp.maximum(distances, xp.zeros_like(distances))
+
+
 def viewing_direction(target_from_cam: Rigid3) -> Array:
     """The camera's z axis, shape (..., 3)."""
     forward = constant(np.array([0.0, 0.0, 1.0]), target_from_cam.translation_m)
