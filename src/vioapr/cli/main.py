@@ -17,6 +17,7 @@ from vioapr.cli.demo import demo
 from vioapr.cli.evaluate import evaluate
 from vioapr.cli.fuse import fuse
 from vioapr.cli.inspect import inspect
+from vioapr.cli.vio_quality import vio_quality
 from vioapr.errors import VioAprError
 
 VERBS: dict[str, Callable[..., Any]] = {
@@ -24,6 +25,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "convert": convert,
     "fuse": fuse,
     "evaluate": evaluate,
+    "vio-quality": vio_quality,
     "demo": demo,
 }
 
