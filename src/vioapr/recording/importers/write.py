@@ -1,0 +1,203 @@
+"""Writing imported walks into a scene: each whole, or not at all."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vioapr.errors import FormatError, ParameterError
+from vioapr.recording.frames import Intrinsics, Tracking
+from vioapr.recording.images import probe_bytes, probe_image
+from vioapr.recording.importers.base import Image, ImportedScene, Place, Walk
+from vioapr.recording.scene import SCENE_FILE, Scene
+from vioapr.recording.writer import RecordingWriter
+
+_MAX_NAMED = 3
+_DIVERGING = "the tracker is diverging"
+
+
+def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -> Scene:
+    """The scene to import into.
+
+    Raises:
+        ParameterError: It is new, and nobody said whether it is outdoors.
+        FormatError: It is there, and broken.
+    """
+    if (folder / SCENE_FILE).exists():
+        return Scene.open(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise FormatError(folder, "expected a scene or a new folder, found other files")
+    chosen = place or imported.place
+    if chosen is None:
+        raise ParameterError(
+            f"{folder} is a new scene and the source does not say where: give --place outdoor or "
+            "--place indoor"
+        )
+    name = imported.name or folder.resolve().name
+    return Scene.create(folder, name, is_outdoor=chosen == "outdoor", world=imported.world)
+
+
+def write_walk(
+    scene: Scene, walk: Walk, *, link: bool = False, tick: Callable[[], object] | None = None
+) -> Scene:
+    """Write a walk and enter it into the scene.
+
+    It is written under another name first and renamed when it is whole: whatever fails, the
+    scene is as it was.
+
+    Args:
+        scene: Where to.
+        walk: What; findings about its images are added to it.
+        link: Hard-link images rather than copy them, where possible.
+        tick: Called after every frame, for progress.
+
+    Returns:
+        The scene with the recording; saved.
+
+    Raises:
+        FormatError: The recording exists, or something cannot be written.
+    """
+    folder = scene.recording_folder(walk.id)
+    if folder.exists():
+        raise FormatError(
+            folder, "a recording of this id exists: give another with --id, or remove it first"
+        )
+    partial = folder.with_name(f".{walk.id}.partial")
+    _remove(partial)
+    try:
+        _write_recording(partial, walk, link=link, tick=tick)
+        if walk.gt is not None:
+            scene.write_gt(walk.id, walk.gt)
+        scene = _enter(scene, walk)
+        partial.rename(folder)
+        scene.save()
+    except BaseException as error:
+        _remove(partial)
+        if not folder.exists():
+            scene.gt_path(walk.id).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise FormatError(folder, f"cannot be written: {error.strerror}") from None
+        raise
+    return scene
+
+
+def _remove(folder: Path) -> None:
+    with suppress(FileNotFoundError):
+        shutil.rmtree(folder)
+
+
+def _enter(scene: Scene, walk: Walk) -> Scene:
+    if walk.info.is_diverging:
+        return scene.with_excluded(walk.id, _DIVERGING)
+    return scene.with_recording(walk.id, walk.split)
+
+
+def _write_recording(
+    folder: Path, walk: Walk, *, link: bool, tick: Callable[[], object] | None
+) -> None:
+    broken: list[str] = []
+    sizes: dict[tuple[int, int], int] = {}
+    columns = Intrinsics(*(np.broadcast_to(column, len(walk)) for column in walk.intrinsics))
+    with RecordingWriter(folder, walk.info, link_images=link) as writer:
+        for row, image in zip(range(len(walk)), _images(walk), strict=True):
+            name = walk.image_names[row]
+            image, size, problem = _look_at(image, link=link)
+            if problem:
+                broken.append(f"{name}: {problem}")
+                name, image = "", None
+            if size is not None:
+                sizes[size] = sizes.get(size, 0) + 1
+            tracking = Tracking(int(walk.tracking[row]))
+            if name or tracking != Tracking.LOST:
+                pose = None if tracking == Tracking.LOST else walk.vio_from_cam.at(row)
+                camera = _with_size(columns.at(row), size)
+                time = float(walk.timestamp_s[row])
+                writer.add_frame(time, name, image, tracking, pose, camera)
+            if tick is not None:
+                tick()
+        _write_sensors(writer, walk)
+        _judge_images(walk, broken, sizes)
+        notes = tuple(
+            f"WARNING {finding.text}" if finding.is_warning else finding.text
+            for finding in walk.findings
+        )
+        writer.set_info(replace(walk.info, notes=notes))
+
+
+def _images(walk: Walk):
+    """The images; a source that ends early is followed by None."""
+    images = iter(walk.images)
+    for _ in range(len(walk)):
+        yield next(images, None)
+
+
+def _look_at(image: Image, *, link: bool) -> tuple[Image, tuple[int, int] | None, str | None]:
+    """An image to write, its size, and what is wrong with it."""
+    if image is None:
+        return None, None, None
+    if isinstance(image, np.ndarray):
+        return image, (image.shape[1], image.shape[0]), None
+    if isinstance(image, Path) and link:
+        probe = probe_image(image)
+    else:
+        if isinstance(image, Path):
+            try:
+                image = image.read_bytes()
+            except FileNotFoundError:
+                return None, None, "no file of this name"
+            except OSError as error:
+                return None, None, f"cannot be read: {error.strerror}"
+        probe = probe_bytes(image)
+    return image, (probe.width, probe.height) if not probe.problem else None, probe.problem
+
+
+def _with_size(camera: Intrinsics, size: tuple[int, int] | None) -> Intrinsics:
+    """Where the source does not say how large images are, they do themselves."""
+    if size is None or np.isfinite(camera.width):  # type: ignore[arg-type]
+        return camera
+    return camera._replace(width=size[0], height=size[1])
+
+
+def _judge_images(walk: Walk, broken: list[str], sizes: dict[tuple[int, int], int]) -> None:
+    wanted = sum(1 for name in walk.image_names if name)
+    if broken:
+        named = "; ".join(broken[:_MAX_NAMED]) + ("; ..." if len(broken) > _MAX_NAMED else "")
+        walk.warn(f"images: {len(broken)} are missing or broken, their frames have none: {named}")
+    if wanted and len(broken) == wanted:
+        raise FormatError(walk.source, f"none of {wanted} images can be used: {broken[0]}")
+    said = {
+        (int(width), int(height))
+        for width, height in zip(
+            np.ravel(walk.intrinsics.width), np.ravel(walk.intrinsics.height), strict=True
+        )
+        if np.isfinite(width) and np.isfinite(height)
+    }
+    if sizes and said and set(sizes) != said:
+        walk.warn(
+            f"intrinsics: they are of images of {_list(said)}, and the images are {_list(sizes)}"
+        )
+    elif sizes:
+        known = "known" if np.isfinite(np.asarray(walk.intrinsics.fx)).all() else "not known"
+        walk.note(f"images: {_list(sizes)} pixels; focal length {known}")
+
+
+def _list(sizes) -> str:
+    return ", ".join(f"{width}x{height}" for width, height in sorted(sizes)[:_MAX_NAMED])
+
+
+def _write_sensors(writer: RecordingWriter, walk: Walk) -> None:
+    if walk.imu is not None:
+        for row in range(len(walk.imu)):
+            imu = walk.imu
+            writer.add_imu(float(imu.timestamp_s[row]), imu.accel_m_s2[row], imu.gyro_rad_s[row])
+    if walk.gnss is not None:
+        for values in zip(*vars(walk.gnss).values(), strict=True):
+            writer.add_gnss(*map(float, values))
+    if walk.heading is not None:
+        for values in zip(*vars(walk.heading).values(), strict=True):
+            writer.add_heading(*map(float, values))
