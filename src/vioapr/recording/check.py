@@ -83,7 +83,7 @@ def count_frames(folder: Path) -> int:
 
 
 def check_scene(
-    folder: Path, *, decode: bool = False, tick: Callable[[], object] | None = None
+    folder: Path, *, decode: bool = False, tick: Callable[[int], object] | None = None
 ) -> Report:
     """Verify all files of a scene.
 
@@ -93,7 +93,7 @@ def check_scene(
     Args:
         folder: The scene.
         decode: Decode every image.
-        tick: Called after every frame, for progress.
+        tick: Called with a number of frames after every so many, for progress.
 
     Raises:
         FormatError: There is no scene, or its `scene.toml` is broken.
@@ -102,7 +102,7 @@ def check_scene(
     report = Report()
     _check_splits(scene, report)
     for id_ in scene.recording_ids:
-        _check_recording(scene, id_, report, decode, tick or (lambda: None))
+        _check_recording(scene, id_, report, decode, tick or (lambda _: None))
     _check_empty_splits(scene, report)
     _check_leftovers(scene, report)
     _check_map(scene, report)
@@ -143,7 +143,7 @@ def _check_empty_splits(scene: Scene, report: Report) -> None:
 
 
 def _check_recording(
-    scene: Scene, id_: str, report: Report, decode: bool, tick: Callable[[], object]
+    scene: Scene, id_: str, report: Report, decode: bool, tick: Callable[[int], object]
 ) -> None:
     folder = scene.folder / RECORDINGS_FOLDER / id_
     report.recordings += 1
@@ -191,30 +191,33 @@ def _check_frames(
     walked: _Walked,
     report: Report,
     decode: bool,
-    tick: Callable[[], object],
+    tick: Callable[[int], object],
 ) -> None:
-    table = folder / FRAMES_FILE
+    table, images = folder / FRAMES_FILE, folder / IMAGES_FOLDER
     is_lost = block.tracking == Tracking.LOST
     walked.frames += len(block)
     walked.lost += int(is_lost.sum())
     walked.times.append(block.timestamp_s)
     walked.positions.append(block.vio_from_cam.translation_m)
     sizes = np.stack([block.intrinsics.width, block.intrinsics.height], axis=1)
+    sizes, lines = sizes.tolist(), block.lines.tolist()
     for row, name in enumerate(block.image):
-        tick()
         if not name:
             continue
-        line = int(block.lines[row])
+        line = lines[row]
         if name in walked.names:
             report.error(table, f"the image {name} is line {walked.names[name]}'s already", line)
             continue
         walked.names[name] = line
-        _check_image(folder / IMAGES_FOLDER / name, sizes[row], report, decode, table, line)
+        path = f"{images}/{name}"
+        _check_image(path, name, sizes[row], report, decode, table, line)
+    tick(len(block))
 
 
 def _check_image(
-    path: Path,
-    size: NDArray[np.float64],
+    path: str,
+    name: str,
+    size: list[float],
     report: Report,
     decode: bool,
     table: Path,
@@ -222,12 +225,12 @@ def _check_image(
 ) -> None:
     report.images += 1
     probe = probe_image(path)
-    problem = probe.problem or (decode_problem(path) if decode else None)
+    problem = probe.problem or (decode_problem(Path(path)) if decode else None)
     if problem:
-        report.error(table, f"{IMAGES_FOLDER}/{path.name}: {problem}", line)
-    elif np.isfinite(size[0]) and (probe.width, probe.height) != (size[0], size[1]):
+        report.error(table, f"{IMAGES_FOLDER}/{name}: {problem}", line)
+    elif size[0] == size[0] and (probe.width, probe.height) != (size[0], size[1]):
         text = f"{size[0]:.0f}x{size[1]:.0f} pixels, but the image has {probe.width}x{probe.height}"
-        report.error(table, f"{IMAGES_FOLDER}/{path.name}: the line says {text}", line)
+        report.error(table, f"{IMAGES_FOLDER}/{name}: the line says {text}", line)
 
 
 def _check_whole(

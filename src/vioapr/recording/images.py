@@ -18,7 +18,8 @@ JPEG_QUALITY = 92
 """Of images that are given as arrays; few features are lost and a frame stays small."""
 
 _PNG_MAGIC, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-_JPEG_HEAD_BYTES, _TAIL_BYTES = 65536, 64
+_JPEG_MAGIC = b"\xff\xd8"
+_HEAD_BYTES, _LONG_HEAD_BYTES, _TAIL_BYTES = 4096, 1 << 18, 64
 # Start-of-frame markers: C0 to CF but the tables DHT, JPG and DAC.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
@@ -37,25 +38,32 @@ class ImageProbe(NamedTuple):
     problem: str | None
 
 
-def probe_image(path: Path) -> ImageProbe:
+def probe_image(path: Path | str) -> ImageProbe:
     """Size and wholeness of a JPEG or PNG by its head and its end; it is not decoded.
 
     A hundred times faster than decoding, and finds what crashes leave: empty, truncated and
     foreign files.
     """
+    # Plain system calls: a scene has a hundred thousand images.
     try:
-        with path.open("rb") as file:
-            head = file.read(4096)
-            size = os.fstat(file.fileno()).st_size
-            # Phones put a thumbnail of many kilobytes before the size.
-            if head.startswith(b"\xff\xd8") and size > len(head) and not _jpeg_size(head)[0]:
-                head += file.read(_JPEG_HEAD_BYTES * 4)
-            file.seek(max(size - _TAIL_BYTES, 0))
-            return _probe(head, file.read(_TAIL_BYTES))
+        file = os.open(path, os.O_RDONLY)
     except FileNotFoundError:
         return ImageProbe(0, 0, "expected an image, found no file of this name")
     except OSError as error:
         return ImageProbe(0, 0, f"cannot be read: {error.strerror}")
+    try:
+        head = os.read(file, _HEAD_BYTES)
+        if len(head) < _HEAD_BYTES:
+            return probe_bytes(head)
+        # Phones put a thumbnail of many kilobytes before the size.
+        if head.startswith(_JPEG_MAGIC) and not _jpeg_size(head)[0]:
+            head += os.read(file, _LONG_HEAD_BYTES)
+        os.lseek(file, -_TAIL_BYTES, os.SEEK_END)
+        return _probe(head, os.read(file, _TAIL_BYTES))
+    except OSError as error:
+        return ImageProbe(0, 0, f"cannot be read: {error.strerror}")
+    finally:
+        os.close(file)
 
 
 def find_image_problem(path: Path) -> str | None:
@@ -74,7 +82,7 @@ def _probe(head: bytes, tail: bytes) -> ImageProbe:
     if head.startswith(_PNG_MAGIC):
         width, height = (int.from_bytes(head[i : i + 4], "big") for i in (16, 20))
         is_whole = _PNG_END in tail
-    elif head.startswith(b"\xff\xd8"):
+    elif head.startswith(_JPEG_MAGIC):
         width, height = _jpeg_size(head)
         # Some cameras pad the end with zeros.
         is_whole = tail.rstrip(b"\0\r\n").endswith(b"\xff\xd9")
@@ -136,19 +144,19 @@ def encode_image(name: str, pixels: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def copy_image(source: Path, target: Path, *, link: bool) -> None:
+def copy_image(source: Path, target: Path | str, *, link: bool) -> None:
     """Copy an image, or hard-link it where that is asked for and possible.
 
     Raises:
         FormatError: It cannot be written.
     """
+    if link:
+        try:
+            os.link(source, target)
+            return
+        except OSError:
+            pass  # another file system, or one without links
     try:
-        if link:
-            try:
-                os.link(source, target)
-                return
-            except OSError:
-                pass  # another file system, or one without links
         write_image(target, source.read_bytes())
     except FileNotFoundError:
         raise FormatError(source, "expected an image, found no file of this name") from None
@@ -156,19 +164,29 @@ def copy_image(source: Path, target: Path, *, link: bool) -> None:
         raise FormatError(source, f"cannot be read: {error.strerror}") from None
 
 
-def write_image(path: Path, content: bytes) -> None:
+def write_image(path: Path | str, content: bytes) -> None:
     """Write an image whole, or, if the disk is full, not at all.
 
     Raises:
         FormatError: It cannot be written.
     """
     try:
-        with path.open("xb", buffering=0) as file:
-            written = 0
-            while written < len(content):
-                written += file.write(content[written:]) or 0
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     except FileExistsError:
         raise FormatError(path, "expected to write a new image, but it exists") from None
     except OSError as error:
-        path.unlink(missing_ok=True)
         raise FormatError(path, f"cannot be written: {error.strerror}") from None
+    try:
+        write_all(file, content)
+    except OSError as error:
+        Path(path).unlink(missing_ok=True)
+        raise FormatError(path, f"cannot be written: {error.strerror}") from None
+    finally:
+        os.close(file)
+
+
+def write_all(file: int, content: bytes) -> None:
+    """Write bytes to a file descriptor; a system call may take only some of them."""
+    written = os.write(file, content)
+    while written < len(content):
+        written += os.write(file, content[written:])

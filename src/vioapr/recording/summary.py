@@ -102,12 +102,12 @@ class SceneSummary:
         return largest[[0, 2, 1]], "vio"
 
 
-def summarize_scene(scene: Scene, tick: Callable[[], object] | None = None) -> SceneSummary:
+def summarize_scene(scene: Scene, tick: Callable[[int], object] | None = None) -> SceneSummary:
     """Sum up all recordings of a scene, reading each table once, a part at a time.
 
     Args:
         scene: What to sum up.
-        tick: Called after every frame, for progress.
+        tick: Called with a number of frames after every so many, for progress.
 
     Raises:
         FormatError: A recording cannot be opened at all.
@@ -115,13 +115,15 @@ def summarize_scene(scene: Scene, tick: Callable[[], object] | None = None) -> S
     split_of = dict.fromkeys(scene.excluded, "excluded")
     split_of |= {id_: split for split, ids in scene.splits.items() for id_ in ids}
     recordings = [
-        _summarize(scene, id_, split_of.get(id_, ""), tick or (lambda: None))
+        _summarize(scene, id_, split_of.get(id_, ""), tick or (lambda _: None))
         for id_ in scene.recording_ids
     ]
     return SceneSummary(scene.name, scene.is_outdoor, tuple(recordings))
 
 
-def _summarize(scene: Scene, id_: str, split: str, tick: Callable[[], object]) -> RecordingSummary:
+def _summarize(
+    scene: Scene, id_: str, split: str, tick: Callable[[int], object]
+) -> RecordingSummary:
     recording = scene.recording(id_)
     info = recording.info
     device = ", ".join(filter(None, (info.device, info.tracker or "no tracker")))
@@ -131,8 +133,7 @@ def _summarize(scene: Scene, id_: str, split: str, tick: Callable[[], object]) -
     for block in read_frame_blocks(recording.folder / FRAMES_FILE, problems):
         _count(summary, block)
         walk.add(block)
-        for _ in range(len(block)):
-            tick()
+        tick(len(block))
     errors = [problem for problem in problems if problem.is_error]
     if errors:
         summary.problem = f"{len(errors)} lines of {FRAMES_FILE} were left out: vioapr scene check"

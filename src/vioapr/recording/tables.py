@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.formats.table import is_number
+from vioapr.recording.images import write_all
 
 BLOCK_ROWS = 4096
 """Rows that are held as text at a time."""
@@ -67,16 +68,14 @@ class AppendTable:
         self.append(header)
 
     def append(self, line: str) -> None:
-        """Write one line whole, or, if the disk is full, none of it.
+        """Write one line, or several, whole, or, if the disk is full, nothing of it.
 
         Raises:
             FormatError: It cannot be written.
         """
         content = line.encode() + b"\n"
         try:
-            written = 0
-            while written < len(content):
-                written += self._file.write(content[written:]) or 0
+            write_all(self._file.fileno(), content)
         except OSError as error:
             os.ftruncate(self._file.fileno(), self._end)
             raise FormatError(self._path, f"cannot be written: {error.strerror}") from None

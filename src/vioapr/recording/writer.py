@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from vioapr.errors import FormatError, ParameterError
 from vioapr.geometry.rigid import Rigid3
 from vioapr.recording import sensors
-from vioapr.recording.frames import HEADER, Intrinsics, Tracking, find_name_problem
+from vioapr.recording.frames import HEADER, Frames, Intrinsics, Tracking, find_name_problem
 from vioapr.recording.images import copy_image, encode_image, write_image
 from vioapr.recording.info import RecordingInfo, write_info
 from vioapr.recording.recording import (
@@ -47,11 +47,12 @@ class RecordingWriter:
             FormatError: The folder holds a recording, or cannot be written.
         """
         self.folder = Path(folder)
-        self._info, self._link = info, link_images
+        self._link = link_images
+        self._images = self.folder / IMAGES_FOLDER
         self._tables: dict[str, AppendTable] = {}
         self._latest_s: dict[str, float] = {}
         try:
-            (self.folder / IMAGES_FOLDER).mkdir(parents=True, exist_ok=True)
+            self._images.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FormatError(self.folder, f"cannot be written: {error.strerror}") from None
         self._table(FRAMES_FILE, HEADER)
@@ -88,7 +89,7 @@ class RecordingWriter:
         pose = _pose_fields(tracking, vio_from_cam)
         self._check_time(FRAMES_FILE, timestamp_s, strictly=True)
         if image is not None:
-            self._write_image(image_name, image)
+            self.write_image(image_name, image)
         camera = [_pixels(value) for value in intrinsics or Intrinsics()]
         fields = [float(timestamp_s), image_name, Tracking(tracking).label, *pose, *camera]
         self._append(FRAMES_FILE, fields)
@@ -118,9 +119,39 @@ class RecordingWriter:
         """Add a heading of the camera's view, clockwise from true north, 0 to 360."""
         self._add(HEADING_FILE, sensors.HEADING_HEADER, timestamp_s, [heading_deg, sigma_deg])
 
+    def add_frames(self, frames: Frames) -> None:
+        """Add many frames at once: much faster than one by one.
+
+        Args:
+            frames: In order of time; their images are written already, by `write_image`.
+
+        Raises:
+            ParameterError: They are not later than those before.
+            FormatError: They cannot be written; none of them is, then.
+        """
+        if not len(frames):
+            return
+        times = frames.timestamp_s
+        self._check_time(FRAMES_FILE, float(times[0]), strictly=True)
+        if not (np.diff(times) > 0).all():
+            raise ParameterError(f"{FRAMES_FILE}: expected increasing timestamps")
+        self._tables[FRAMES_FILE].append("\n".join(_lines(frames)))
+        self._latest_s[FRAMES_FILE] = float(times[-1])
+
+    def write_image(self, name: str, image: bytes | NDArray[np.uint8] | Path) -> None:
+        """Write an image; see `add_frame`, which does so itself.
+
+        Raises:
+            FormatError: It cannot be written, or there is one of this name.
+        """
+        path = f"{self._images}/{name}"
+        if isinstance(image, Path):
+            copy_image(image, path, link=self._link)
+        else:
+            write_image(path, image if isinstance(image, bytes) else encode_image(name, image))
+
     def set_info(self, info: RecordingInfo) -> None:
         """Replace what is said of the recording, e.g. by notes of what was found on the way."""
-        self._info = info
         write_info(self.folder / INFO_FILE, info)
 
     def close(self) -> None:
@@ -138,13 +169,6 @@ class RecordingWriter:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-    def _write_image(self, name: str, image: bytes | NDArray[np.uint8] | Path) -> None:
-        path = self.folder / IMAGES_FOLDER / name
-        if isinstance(image, Path):
-            copy_image(image, path, link=self._link)
-        else:
-            write_image(path, image if isinstance(image, bytes) else encode_image(name, image))
 
     def _add(self, file: str, header: str, timestamp_s: float, values: Sequence[float]) -> None:
         self._check_time(file, timestamp_s, strictly=False)
@@ -166,6 +190,24 @@ class RecordingWriter:
             raise ParameterError(
                 f"{file}: expected a timestamp later than {latest_s:.6f} s, got {timestamp_s:.6f} s"
             )
+
+
+def _lines(frames: Frames) -> Iterator[str]:
+    """Lines of `frames.csv`."""
+    cameras = np.stack([np.asarray(column) for column in frames.intrinsics], axis=1)
+    # Mostly one camera took all: its text is made once.
+    is_one = np.array_equal(cameras, np.broadcast_to(cameras[:1], cameras.shape), equal_nan=True)
+    texts = [
+        ",".join(format_field(_pixels(value)) for value in camera)
+        for camera in (cameras[:1] if is_one else cameras)
+    ]
+    texts = texts * len(frames) if is_one else texts
+    labels = [Tracking(value).label for value in frames.tracking.tolist()]
+    poses = np.concatenate(frames.vio_from_cam, axis=1).tolist()
+    columns = zip(frames.timestamp_s.tolist(), frames.image, labels, poses, texts, strict=True)
+    for time, name, label, pose, text in columns:
+        numbers = "," * 6 if pose[0] != pose[0] else ",".join(map(repr, pose))
+        yield f"{time!r},{name},{label},{numbers},{text}"
 
 
 def _three(vector: ArrayLike) -> list[float]:

@@ -1,7 +1,8 @@
 """ADVIO: iPhone ARKit or Pixel ARCore tracks with ground truth, a folder a sequence; no images.
 
 Every sequence is a scene of its own. Both layouts are read: the data set's own,
-`advio-NN/{ground-truth,iphone,pixel}/`, and flat folders of `advio-NN_arkit.*`, `advio-NN_arcore.*`, `advio-NN_gt*.*`.
+`advio-NN/{ground-truth,iphone,pixel}/`, and flat folders of `advio-NN_arkit.*`,
+`advio-NN_arcore.*`, `advio-NN_gt*.*`.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ IMPORTERS: dict[str, Importer] = {
     )
 }
 
-Progress = Callable[[str, int], AbstractContextManager[Callable[[], None]]]
+Progress = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ def import_source(
         options: What the user says of the source.
         place: For a new scene, where the source does not say.
         link: Hard-link images rather than copy them.
-        progress: From a title and a total, a context that yields a function to call every step.
+        progress: From a title and a total, a context that yields a function to call with the
+            number of steps made.
 
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.recording.frames import Intrinsics, Tracking
+from vioapr.recording.frames import Frames, Intrinsics
 from vioapr.recording.images import probe_bytes, probe_image
 from vioapr.recording.importers.base import Image, ImportedScene, Place, Walk
 from vioapr.recording.scene import SCENE_FILE, Scene
 from vioapr.recording.writer import RecordingWriter
 
 _MAX_NAMED = 3
+_BLOCK_FRAMES = 512
 _DIVERGING = "the tracker is diverging"
 
 
@@ -43,7 +46,7 @@ def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -
 
 
 def write_walk(
-    scene: Scene, walk: Walk, *, link: bool = False, tick: Callable[[], object] | None = None
+    scene: Scene, walk: Walk, *, link: bool = False, tick: Callable[[int], object] | None = None
 ) -> Scene:
     """Write a walk and enter it into the scene.
 
@@ -54,7 +57,7 @@ def write_walk(
         scene: Where to.
         walk: What; findings about its images are added to it.
         link: Hard-link images rather than copy them, where possible.
-        tick: Called after every frame, for progress.
+        tick: Called with a number of frames after every so many, for progress.
 
     Returns:
         The scene with the recording; saved.
@@ -98,28 +101,20 @@ def _enter(scene: Scene, walk: Walk) -> Scene:
 
 
 def _write_recording(
-    folder: Path, walk: Walk, *, link: bool, tick: Callable[[], object] | None
+    folder: Path, walk: Walk, *, link: bool, tick: Callable[[int], object] | None
 ) -> None:
     broken: list[str] = []
-    sizes: dict[tuple[int, int], int] = {}
-    columns = Intrinsics(*(np.broadcast_to(column, len(walk)) for column in walk.intrinsics))
+    sizes: Counter[tuple[int, int]] = Counter()
+    images = iter(walk.images)
     with RecordingWriter(folder, walk.info, link_images=link) as writer:
-        for row, image in zip(range(len(walk)), _images(walk), strict=True):
-            name = walk.image_names[row]
-            image, size, problem = _look_at(image, link=link)
-            if problem:
-                broken.append(f"{name}: {problem}")
-                name, image = "", None
-            if size is not None:
-                sizes[size] = sizes.get(size, 0) + 1
-            tracking = Tracking(int(walk.tracking[row]))
-            if name or tracking != Tracking.LOST:
-                pose = None if tracking == Tracking.LOST else walk.vio_from_cam.at(row)
-                camera = _with_size(columns.at(row), size)
-                time = float(walk.timestamp_s[row])
-                writer.add_frame(time, name, image, tracking, pose, camera)
+        for start in range(0, len(walk), _BLOCK_FRAMES):
+            rows = np.arange(start, min(start + _BLOCK_FRAMES, len(walk)))
+            names, seen = _write_images(writer, walk, rows, images, link, broken)
+            sizes.update(size for size in seen if size is not None)
+            frames = _frames(walk, rows, names, seen)
+            writer.add_frames(frames.at_rows(frames.has_image | frames.has_pose))
             if tick is not None:
-                tick()
+                tick(len(rows))
         _write_sensors(writer, walk)
         _judge_images(walk, broken, sizes)
         notes = tuple(
@@ -129,11 +124,30 @@ def _write_recording(
         writer.set_info(replace(walk.info, notes=notes))
 
 
-def _images(walk: Walk):
-    """The images; a source that ends early is followed by None."""
-    images = iter(walk.images)
-    for _ in range(len(walk)):
-        yield next(images, None)
+def _write_images(
+    writer: RecordingWriter,
+    walk: Walk,
+    rows: NDArray[np.intp],
+    images: Iterator[Image],
+    link: bool,
+    broken: list[str],
+) -> tuple[list[str], list[tuple[int, int] | None]]:
+    """Write the next images; names ("" for what is missing or broken) and sizes."""
+    names, sizes = [], []
+    for row in rows:
+        # A source may end early, as a video that was cut off.
+        name, image = str(walk.image_names[row]), next(images, None)
+        image, size, problem = _look_at(image if name else None, link=link)
+        if name and image is None and not problem:
+            problem = "missing"
+        if problem:
+            broken.append(f"{name}: {problem}")
+            name = ""
+        elif image is not None:
+            writer.write_image(name, image)
+        names.append(name)
+        sizes.append(size)
+    return names, sizes
 
 
 def _look_at(image: Image, *, link: bool) -> tuple[Image, tuple[int, int] | None, str | None]:
@@ -156,14 +170,28 @@ def _look_at(image: Image, *, link: bool) -> tuple[Image, tuple[int, int] | None
     return image, (probe.width, probe.height) if not probe.problem else None, probe.problem
 
 
-def _with_size(camera: Intrinsics, size: tuple[int, int] | None) -> Intrinsics:
-    """Where the source does not say how large images are, they do themselves."""
-    if size is None or np.isfinite(camera.width):  # type: ignore[arg-type]
-        return camera
-    return camera._replace(width=size[0], height=size[1])
+def _frames(
+    walk: Walk,
+    rows: NDArray[np.intp],
+    names: list[str],
+    sizes: list[tuple[int, int] | None],
+) -> Frames:
+    """Some frames of a walk; where the source does not say how large images are, they do."""
+    columns = [np.broadcast_to(column, len(walk))[rows] for column in walk.intrinsics]
+    measured = np.array([(np.nan, np.nan) if size is None else size for size in sizes]).T
+    is_unsaid = np.isnan(columns[0])
+    columns[:2] = [np.where(is_unsaid, m, c) for m, c in zip(measured, columns[:2], strict=True)]
+    return Frames(
+        walk.timestamp_s[rows],
+        tuple(names),
+        walk.tracking[rows],
+        walk.vio_from_cam.at(rows),
+        Intrinsics(*columns),
+        rows,
+    )
 
 
-def _judge_images(walk: Walk, broken: list[str], sizes: dict[tuple[int, int], int]) -> None:
+def _judge_images(walk: Walk, broken: list[str], sizes: Counter[tuple[int, int]]) -> None:
     wanted = sum(1 for name in walk.image_names if name)
     if broken:
         named = "; ".join(broken[:_MAX_NAMED]) + ("; ..." if len(broken) > _MAX_NAMED else "")

@@ -1,0 +1,143 @@
+"""Import, check and info of a scene of 10,000 and 100,000 frames: seconds and peak memory.
+
+A folder of small JPEG images and a TUM trajectory of as many poses are imported by
+`vioapr import images`, as copies and as hard links, then verified by `vioapr scene check` and
+summed up by `vioapr scene info`. Every command is a process of its own, so that its time includes
+the start of Python, and its peak memory is its own.
+
+    python benchmarks/scene_speed.py [--json FILE] [--folder DIR] [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from common import describe_machine, write_json
+from PIL import Image
+from rich.console import Console
+from rich.table import Table
+
+from vioapr.formats import tum
+from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+
+REPEATS = 3
+RATE_HZ = 30.0
+
+# The peak that Linux keeps of a program's own memory; rusage counts its parent's before it, too.
+PROGRAM = """
+import sys
+from pathlib import Path
+from vioapr.cli import main
+code = main(sys.argv[1:])
+status = Path("/proc/self/status").read_text().splitlines()
+print(next(line for line in status if line.startswith("VmHWM")), file=sys.stderr)
+sys.exit(code)
+"""
+
+
+def make_source(folder: Path, frames: int) -> None:
+    """Images named by frame and `vio.tum`, in a folder."""
+    walk = simulate_walk(WalkParams(duration_s=frames / RATE_HZ, rate_hz=RATE_HZ), seed=1)
+    tum.write(folder / "vio.tum", walk.vio)
+    rng = np.random.default_rng(0)
+    contents = []
+    for _ in range(16):
+        buffer = io.BytesIO()
+        pixels = rng.integers(0, 256, (6, 8, 3), dtype=np.uint8).repeat(16, 0).repeat(16, 1)
+        Image.fromarray(pixels).save(buffer, format="jpeg")
+        contents.append(buffer.getvalue())
+    images = folder / "images"
+    images.mkdir()
+    for row in range(frames):
+        (images / f"frame-{row:06d}.jpg").write_bytes(contents[row % len(contents)])
+
+
+def run(*arguments: object) -> tuple[float, float]:
+    """Seconds and peak memory in MB of `vioapr ARGUMENTS`."""
+    start = time.perf_counter()
+    command = [sys.executable, "-c", PROGRAM, *map(str, arguments)]
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    seconds = time.perf_counter() - start
+    if done.returncode != 0:
+        sys.exit(f"vioapr {' '.join(map(str, arguments))} failed: {done.stderr}")
+    return seconds, int(done.stderr.split()[-2]) / 1024
+
+
+def measure(frames: int, folder: Path, repeats: int) -> dict[str, dict[str, float]]:
+    """Median seconds and largest peak of every command."""
+    make_source(folder, frames)
+    measured: dict[str, list[tuple[float, float]]] = {}
+    for _ in range(repeats):
+        for how in ("link", "copy"):
+            scene = folder / "scene"
+            shutil.rmtree(scene, ignore_errors=True)
+            arguments = ["import", "images", folder / "images", "--poses", folder / "vio.tum"]
+            arguments += ["--out", scene, "--place", "outdoor", "--images", how, "--id", "walk-1"]
+            measured.setdefault(f"import, {how}", []).append(run(*arguments))
+        make_test(scene)
+        measured.setdefault("scene check", []).append(run("scene", "check", scene))
+        measured.setdefault("scene info", []).append(run("scene", "info", scene))
+    return {
+        name: {
+            "seconds": float(np.median([seconds for seconds, _ in runs])),
+            "peak_mb": max(peak for _, peak in runs),
+        }
+        for name, runs in measured.items()
+    }
+
+
+def make_test(scene: Path) -> None:
+    """A second recording of the first frame alone, so that no split is empty."""
+    text = (scene / "scene.toml").read_text()
+    (scene / "scene.toml").write_text(text.replace("test = []", 'test = ["walk-2"]'))
+    first, second = (scene / "recordings" / name for name in ("walk-1", "walk-2"))
+    (second / "images").mkdir(parents=True)
+    shutil.copy(first / "recording.json", second)
+    lines = (first / "frames.csv").read_text().splitlines(keepends=True)[:2]
+    (second / "frames.csv").write_text("".join(lines))
+    shutil.copy(first / "images" / lines[1].split(",")[1], second / "images")
+
+
+def main() -> None:
+    """Measure at both sizes and print them side by side."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--folder", type=Path, help="where to work; by default the temporary one")
+    parser.add_argument("--quick", action="store_true", help="1,000 frames, to see that it runs")
+    options = parser.parse_args()
+    sizes, repeats = ((1000,), 1) if options.quick else ((10_000, 100_000), REPEATS)
+    results = {}
+    for frames in sizes:
+        with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+            results[frames] = measure(frames, Path(folder), repeats)
+    table = Table(title=f"median of {repeats} runs, each a process, Python's start included")
+    table.add_column("")
+    for frames in sizes:
+        table.add_column(f"{frames:,} frames: s", justify="right")
+        table.add_column("peak MB", justify="right")
+    for name in results[sizes[0]]:
+        cells = [
+            text
+            for frames in sizes
+            for text in (
+                f"{results[frames][name]['seconds']:.2f}",
+                f"{results[frames][name]['peak_mb']:.0f}",
+            )
+        ]
+        table.add_row(name, *cells)
+    Console().print(table)
+    if options.json:
+        machine = describe_machine(["numpy", "pillow"])
+        write_json(options.json, {"machine": machine, "frames": results, "repeats": repeats})
+
+
+if __name__ == "__main__":
+    main()
