@@ -59,7 +59,7 @@ class AppendTable:
         """
         self._path = path
         try:
-            self._file = path.open("xb", buffering=0)
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
         except FileExistsError:
             raise FormatError(path, "expected to write a new file, but it exists") from None
         except OSError as error:
@@ -75,15 +75,15 @@ class AppendTable:
         """
         content = line.encode() + b"\n"
         try:
-            write_all(self._file.fileno(), content)
+            write_all(self._file, content)
         except OSError as error:
-            os.ftruncate(self._file.fileno(), self._end)
+            os.ftruncate(self._file, self._end)
             raise FormatError(self._path, f"cannot be written: {error.strerror}") from None
         self._end += len(content)
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        os.close(self._file)
 
     def __enter__(self) -> AppendTable:
         return self
