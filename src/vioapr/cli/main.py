@@ -18,6 +18,7 @@ from vioapr.cli.evaluate import evaluate
 from vioapr.cli.fuse import fuse
 from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
+from vioapr.cli.map_scene import map_
 from vioapr.cli.scene import scene_check, scene_info
 from vioapr.cli.vio_quality import vio_quality
 from vioapr.errors import VioAprError
@@ -30,6 +31,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "scene info": scene_info,
     "fuse": fuse,
     "evaluate": evaluate,
+    "map": map_,
     "vio-quality": vio_quality,
     "demo": demo,
 }
