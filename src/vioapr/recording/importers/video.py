@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,13 @@ def count_video_frames(path: Path) -> int | None:
         FormatError: It cannot be read.
         MissingExtraError: PyAV is not installed.
     """
-    av = _import_av()
+    av, errors = _import_av()
     try:
         with av.open(str(path)) as container:
             stream = _video_stream(path, container)
             return stream.frames or None
-    except OSError as error:  # FFmpeg's errors are
-        raise FormatError(path, f"cannot be read as a video: {error.strerror}") from None
+    except (errors, OSError) as error:
+        raise FormatError(path, f"cannot be read as a video: {error}") from None
 
 
 def read_video(path: Path) -> Iterator[NDArray[np.uint8]]:
@@ -36,7 +37,7 @@ def read_video(path: Path) -> Iterator[NDArray[np.uint8]]:
         FormatError: It cannot be read at all.
         MissingExtraError: PyAV is not installed.
     """
-    av = _import_av()
+    av, errors = _import_av()
     decoded = 0
     try:
         with av.open(str(path)) as container:
@@ -45,20 +46,22 @@ def read_video(path: Path) -> Iterator[NDArray[np.uint8]]:
             for frame in container.decode(stream):
                 decoded += 1
                 yield np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-    except OSError as error:
+    except (errors, OSError) as error:
         if not decoded:
-            raise FormatError(path, f"cannot be read as a video: {error.strerror}") from None
+            raise FormatError(path, f"cannot be read as a video: {error}") from None
 
 
-def _video_stream(path: Path, container):
+def _video_stream(path: Path, container: Any) -> Any:
     if not container.streams.video:
         raise FormatError(path, "expected a video, got a file without pictures")
     return container.streams.video[0]
 
 
-def _import_av():
+def _import_av() -> tuple[Any, type[Exception]]:
+    """The package, and the root of its errors."""
     try:
         import av
+        from av.error import FFmpegError
     except ImportError:
         raise MissingExtraError("Decoding a video", "av", "video") from None
-    return av
+    return av, FFmpegError
