@@ -21,7 +21,7 @@ _MAX_M_S = 3.0
 def speed_bins(speeds: Array1) -> Array1:
     """Edges of bins from 0 to the fastest, at most 3 m/s; what is faster is in the last bin."""
     fastest = float(speeds.max(initial=0.0))
-    count = int(np.clip(np.ceil(fastest / BIN_M_S), 5, round(_MAX_M_S / BIN_M_S)))
+    count = int(np.clip(np.floor(fastest / BIN_M_S) + 1, 5, round(_MAX_M_S / BIN_M_S)))
     return np.linspace(0.0, count * BIN_M_S, count + 1)
 
 
