@@ -9,6 +9,7 @@ import tyro
 from rich.table import Table
 
 from vioapr.cli.console import console, progress
+from vioapr.evaluation.map_report import FIGURES, write_map_report
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
 from vioapr.recording.scene import Scene
@@ -30,9 +31,12 @@ def map_(
     """
     opened = Scene.open(scene)
     summary = map_scene(opened, params, progress)
+    with progress("drawing figures", FIGURES) as tick:
+        page = write_map_report(Scene.open(scene), summary, tick)
     console.print(_table(summary))
     for line in _notes(summary):
         console.print(line, soft_wrap=True, markup=False)
+    console.print(f"report: {page.resolve()}", soft_wrap=True, markup=False)
 
 
 def _table(summary: dict[str, Any]) -> Table:
