@@ -20,6 +20,7 @@ from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
 from vioapr.cli.map_scene import map_
 from vioapr.cli.scene import scene_check, scene_info
+from vioapr.cli.simulate import simulate_courtyard
 from vioapr.cli.vio_quality import vio_quality
 from vioapr.errors import VioAprError
 
@@ -33,6 +34,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "map": map_,
     "vio-quality": vio_quality,
+    "simulate courtyard": simulate_courtyard,
     "demo": demo,
 }
 
