@@ -182,8 +182,8 @@ def require_folder(path: Path, what: str) -> None:
         raise FormatError(path, f"expected {what}, found {found}")
 
 
-def list_images(folder: Path) -> list[Path]:
-    """Image files in a folder, in natural order; none if there is no such folder."""
+def list_image_names(folder: Path) -> list[str]:
+    """Names of the image files in a folder, in natural order; none if there is no such folder."""
     if not folder.is_dir():
         return []
     with os.scandir(folder) as entries:
@@ -192,7 +192,7 @@ def list_images(folder: Path) -> list[Path]:
     # Numbers of equal length sort as text, which is much faster.
     is_even = len({len(name) for name in names}) <= 1
     names.sort(key=None if is_even else natural_key)
-    return [folder / name for name in names]
+    return names
 
 
 def flat_names(paths: Sequence[str]) -> list[str]:

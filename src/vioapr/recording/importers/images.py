@@ -17,7 +17,7 @@ from vioapr.recording.importers.base import (
     Walk,
     flat_names,
     id_of,
-    list_images,
+    list_image_names,
     no_poses,
     one_walk,
     require_folder,
@@ -43,14 +43,14 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
 
 
 def _read_walk(source: Path, options: ImportOptions) -> Walk:
-    images = list_images(source)
-    if not images:
+    names = list_image_names(source)
+    if not names:
         raise FormatError(source, "expected images (.jpg, .png), found none")
     vio, gt = (
         None if path is None else read_trajectory(path, options=ReadOptions())
         for path in (options.poses, options.gt)
     )
-    times, clock = _find_times(images, vio, gt, options)
+    times, clock = _find_times(source, names, vio, gt, options)
     is_measured = not clock.startswith("no timestamps")
     walk = Walk(
         id=options.id or id_of(source.resolve().name),
@@ -62,22 +62,22 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
         ),
         source=source,
         timestamp_s=times,
-        image_names=flat_names([image.name for image in images]),
-        images=images,
-        vio_from_cam=no_poses(len(images)),
-        tracking=tracking_of(no_poses(len(images))),
+        image_names=flat_names(names),
+        images=(source / name for name in names),
+        vio_from_cam=no_poses(len(names)),
+        tracking=tracking_of(no_poses(len(names))),
     )
     walk.note(f"time: {clock}") if is_measured else walk.warn(f"time: {clock}")
     if vio is not None and options.poses is not None:
-        _add_vio(walk, images, vio, options.poses)
+        _add_vio(walk, names, vio, options.poses)
     if gt is not None and options.gt is not None:
-        rows, of = _pair(images, times, gt, options.gt)
+        rows, of = _pair(source, names, times, gt, options.gt)
         walk.gt = timed_gt(gt.at_rows(of), times[rows])
     return walk
 
 
-def _add_vio(walk: Walk, images: list[Path], vio: Trajectory, path: Path) -> None:
-    rows, of = _pair(images, walk.timestamp_s, vio, path)
+def _add_vio(walk: Walk, names: list[str], vio: Trajectory, path: Path) -> None:
+    rows, of = _pair(walk.source, names, walk.timestamp_s, vio, path)
     unused = len(vio) - len(of)
     if unused:
         walk.warn(f"{path.name}: {unused} of {len(vio)} poses belong to no image, and are left out")
@@ -91,32 +91,36 @@ def _add_vio(walk: Walk, images: list[Path], vio: Trajectory, path: Path) -> Non
 
 
 def _find_times(
-    images: list[Path], vio: Trajectory | None, gt: Trajectory | None, options: ImportOptions
+    source: Path,
+    names: list[str],
+    vio: Trajectory | None,
+    gt: Trajectory | None,
+    options: ImportOptions,
 ) -> tuple[NDArray[np.float64], str]:
     """When each image was taken, and how that is known."""
     if options.rate_hz is not None:
-        return np.arange(len(images)) / options.rate_hz, f"no timestamps: {options.rate_hz:g} Hz"
-    stamps = _stamps_of_names(images)
+        return np.arange(len(names)) / options.rate_hz, f"no timestamps: {options.rate_hz:g} Hz"
+    stamps = _stamps_of_names(names)
     timed = [track for track in (vio, gt) if track is not None and track.is_timed]
     if stamps is not None and (not timed or _overlaps(stamps, timed[0].timestamps_s)):
         return stamps, "from the images' names"
     for track in timed:
-        if len(track) == len(images):
+        if len(track) == len(names):
             return track.timestamps_s, "the trajectory's: pose k is taken to be of image k"
     if timed:
         raise FormatError(
-            images[0].parent,
+            source,
             f"expected images named by timestamps, or as many as poses ({len(timed[0])}), got "
-            f"{len(images)} images as {images[0].name}: give --rate-hz, or a trajectory with names",
+            f"{len(names)} images as {names[0]}: give --rate-hz, or a trajectory with names",
         )
     rate_hz = _DEFAULT_RATE_HZ
-    return np.arange(len(images)) / rate_hz, f"no timestamps: counted at {rate_hz:g} Hz"
+    return np.arange(len(names)) / rate_hz, f"no timestamps: counted at {rate_hz:g} Hz"
 
 
-def _stamps_of_names(images: list[Path]) -> NDArray[np.float64] | None:
+def _stamps_of_names(names: list[str]) -> NDArray[np.float64] | None:
     """Seconds from names as 1305031102.175304.png, or in milli-, micro- or nanoseconds."""
     try:
-        values = np.array([float(image.stem) for image in images])
+        values = np.array([float(_stem(name)) for name in names])
     except ValueError:
         return None
     if not np.isfinite(values).all() or (np.diff(values) <= 0).any():
@@ -124,8 +128,12 @@ def _stamps_of_names(images: list[Path]) -> NDArray[np.float64] | None:
     # Of the years since 2001, counted from 1970.
     for scale, least in ((1e9, 1e18), (1e6, 1e15), (1e3, 1e12)):
         if values[0] >= least:
-            return np.array([int(image.stem.split(".")[0]) / scale for image in images])
+            return np.array([int(_stem(name).split(".")[0]) / scale for name in names])
     return values
+
+
+def _stem(name: str) -> str:
+    return name.rsplit(".", 1)[0]
 
 
 def _overlaps(left_s: NDArray[np.float64], right_s: NDArray[np.float64]) -> bool:
@@ -133,7 +141,11 @@ def _overlaps(left_s: NDArray[np.float64], right_s: NDArray[np.float64]) -> bool
 
 
 def _pair(
-    images: list[Path], times_s: NDArray[np.float64], track: Trajectory, path: Path
+    source: Path,
+    images: list[str],
+    times_s: NDArray[np.float64],
+    track: Trajectory,
+    path: Path,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which image each pose is of: rows of images, rows of the track.
 
@@ -141,8 +153,8 @@ def _pair(
         FormatError: No pose is of an image.
     """
     if track.names is not None:
-        row_of = {image.name: row for row, image in enumerate(images)}
-        row_of |= {image.stem: row for row, image in enumerate(images)}
+        row_of = {image: row for row, image in enumerate(images)}
+        row_of |= {_stem(image): row for row, image in enumerate(images)}
         found = [(row_of.get(PurePosixPath(name).name), of) for of, name in enumerate(track.names)]
         pairs = sorted((row, of) for row, of in found if row is not None)
     elif track.is_timed:
@@ -152,8 +164,8 @@ def _pair(
     if not pairs:
         what = "names" if track.names else "timestamps" if track.is_timed else "number of poses"
         raise FormatError(
-            path, f"expected {what} that fit the {len(images)} images of {images[0].parent}, "
-            f"as {images[0].name}, got none that do"
+            path, f"expected {what} that fit the {len(images)} images of {source}, "
+            f"as {images[0]}, got none that do"
         )  # fmt: skip
     rows, of = np.array(pairs, dtype=np.intp).T
     return rows, of

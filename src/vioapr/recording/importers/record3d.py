@@ -22,7 +22,7 @@ from vioapr.recording.importers.base import (
     ImportOptions,
     Walk,
     id_of,
-    list_images,
+    list_image_names,
     one_walk,
     tracking_of,
 )
@@ -80,7 +80,11 @@ def _find_metadata(source: Path) -> Path:
 def _find_images(source: Path) -> dict[int, str]:
     """Paths of the images, in the folder or in the zip, by the frame's number."""
     if source.is_dir():
-        found = [str(path) for name in _IMAGE_FOLDERS for path in list_images(source / name)]
+        found = [
+            str(source / folder / name)
+            for folder in _IMAGE_FOLDERS
+            for name in list_image_names(source / folder)
+        ]
     elif zipfile.is_zipfile(source):
         with zipfile.ZipFile(source) as archive:
             found = [

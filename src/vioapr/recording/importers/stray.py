@@ -25,7 +25,7 @@ from vioapr.recording.importers.base import (
     ImportOptions,
     Walk,
     id_of,
-    list_images,
+    list_image_names,
     one_walk,
     require_folder,
     tracking_of,
@@ -97,12 +97,14 @@ def _find_images(
 ) -> tuple[list[str], Iterator[Image], str | None]:
     """Names and images of the frames, and what does not fit about them."""
     for folder in _IMAGE_FOLDERS:
-        if found := list_images(source / folder):
-            by_number = {int(p.stem): p for p in found if p.stem.isdecimal()}
-            paths = [by_number.get(int(number)) for number in numbers]
-            unused = len(found) - sum(path is not None for path in paths)
+        if found := list_image_names(source / folder):
+            stems = {name.rsplit(".", 1)[0]: name for name in found}
+            by_number = {int(stem): name for stem, name in stems.items() if stem.isdecimal()}
+            names = [by_number.get(int(number), "") for number in numbers]
+            unused = len(found) - sum(1 for name in names if name)
             problem = f"images: {unused} in {folder}/ belong to no frame" if unused else None
-            return [p.name if p else "" for p in paths], iter(paths), problem
+            images = (source / folder / name if name else None for name in names)
+            return names, images, problem
     video = source / _VIDEO
     if not video.exists():
         raise FormatError(source, f"expected {_VIDEO}, or a folder rgb/ of its frames, found none")
