@@ -34,11 +34,13 @@ RATE_HZ = 30.0
 # The peak that Linux keeps of a program's own memory; rusage counts its parent's before it, too.
 PROGRAM = """
 import sys
+import time
 from pathlib import Path
 from vioapr.cli import main
 code = main(sys.argv[1:])
 status = Path("/proc/self/status").read_text().splitlines()
-print(next(line for line in status if line.startswith("VmHWM")), file=sys.stderr)
+peak_kb = next(line.split()[1] for line in status if line.startswith("VmHWM"))
+print(time.process_time(), peak_kb, file=sys.stderr)
 sys.exit(code)
 """
 
@@ -60,21 +62,22 @@ def make_source(folder: Path, frames: int) -> None:
         (images / f"frame-{row:06d}.jpg").write_bytes(contents[row % len(contents)])
 
 
-def run(*arguments: object) -> tuple[float, float]:
-    """Seconds and peak memory in MB of `vioapr ARGUMENTS`."""
+def run(*arguments: object) -> tuple[float, float, float]:
+    """Seconds, seconds of the processor and peak memory in MB of `vioapr ARGUMENTS`."""
     start = time.perf_counter()
     command = [sys.executable, "-c", PROGRAM, *map(str, arguments)]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     seconds = time.perf_counter() - start
     if done.returncode != 0:
         sys.exit(f"vioapr {' '.join(map(str, arguments))} failed: {done.stderr}")
-    return seconds, int(done.stderr.split()[-2]) / 1024
+    cpu_seconds, peak_kb = map(float, done.stderr.split()[-2:])
+    return seconds, cpu_seconds, peak_kb / 1024
 
 
 def measure(frames: int, folder: Path, repeats: int) -> dict[str, dict[str, float]]:
     """Median seconds and largest peak of every command."""
     make_source(folder, frames)
-    measured: dict[str, list[tuple[float, float]]] = {}
+    measured: dict[str, list[tuple[float, float, float]]] = {}
     for _ in range(repeats):
         for how in ("link", "copy"):
             scene = folder / "scene"
@@ -87,8 +90,9 @@ def measure(frames: int, folder: Path, repeats: int) -> dict[str, dict[str, floa
         measured.setdefault("scene info", []).append(run("scene", "info", scene))
     return {
         name: {
-            "seconds": float(np.median([seconds for seconds, _ in runs])),
-            "peak_mb": max(peak for _, peak in runs),
+            "seconds": float(np.median([seconds for seconds, _, _ in runs])),
+            "cpu_seconds": float(np.median([seconds for _, seconds, _ in runs])),
+            "peak_mb": max(peak for _, _, peak in runs),
         }
         for name, runs in measured.items()
     }
@@ -122,6 +126,7 @@ def main() -> None:
     table.add_column("")
     for frames in sizes:
         table.add_column(f"{frames:,} frames: s", justify="right")
+        table.add_column("of CPU", justify="right")
         table.add_column("peak MB", justify="right")
     for name in results[sizes[0]]:
         cells = [
@@ -129,6 +134,7 @@ def main() -> None:
             for frames in sizes
             for text in (
                 f"{results[frames][name]['seconds']:.2f}",
+                f"{results[frames][name]['cpu_seconds']:.2f}",
                 f"{results[frames][name]['peak_mb']:.0f}",
             )
         ]

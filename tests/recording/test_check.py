@@ -1,14 +1,17 @@
 """`check_scene` finds everything that is wrong, each with file and line."""
 
+import numpy as np
 import pytest
 from tests.recording.scenes import edit, jpeg, make_scene, write_recording
 
 from vioapr.errors import FormatError
+from vioapr.formats.registry import FORMATS
 from vioapr.recording.check import check_scene, count_frames
 from vioapr.recording.frames import Tracking
 from vioapr.recording.info import RecordingInfo
 from vioapr.recording.scene import Scene
 from vioapr.recording.writer import RecordingWriter
+from vioapr.trajectory import Trajectory
 
 
 @pytest.fixture
@@ -110,6 +113,16 @@ def orphan_gt(scene):
     scene.gt_path("walk-9").write_text("0 0 0 0 0 0 0 1\n")
 
 
+def map_of_missing_images(scene):
+    FORMATS["colmap"].write(
+        scene.map_folder / "images.txt",
+        Trajectory.from_arrays(
+            [0, 1], np.zeros((2, 3)), [[0, 0, 0, 1.0]] * 2,
+            ["walk-1/images/frame-1.jpg", "walk-1/images/frame-77.jpg"], is_timed=False,
+        ),
+    )  # fmt: skip
+
+
 def break_map(scene):
     scene.map_folder.mkdir()
     (scene.map_folder / "images.txt").write_text("1 2 3\n")
@@ -139,6 +152,10 @@ def break_map(scene):
         (exclude_used, "scene.toml: the recording 'walk-1' is excluded, and in a split"),
         (orphan_gt, "gt/walk-9.tum: ground truth of a recording that is missing"),
         (break_map, "map/images.txt:1: expected"),
+        (
+            map_of_missing_images,
+            "map: 1 of 2 images are not in recordings/: walk-1/images/frame-77.jpg",
+        ),
     ],
 )
 def test_every_problem_is_named_with_file_and_line(damage, expected, scene):

@@ -303,7 +303,13 @@ def _hidden(folder: Path) -> Iterator[Path]:
 
 
 def _check_map(scene: Scene, report: Report) -> None:
-    """A map, where there is one, is a COLMAP model that can be read."""
-    if any((scene.map_folder / f"images.{ending}").exists() for ending in ("bin", "txt")):
-        with _collecting(report):
-            read_trajectory(scene.map_folder)
+    """A map, where there is one, is a COLMAP model of images that are there."""
+    if not any((scene.map_folder / f"images.{ending}").exists() for ending in ("bin", "txt")):
+        return
+    with _collecting(report):
+        names = read_trajectory(scene.map_folder).names or ()
+        folder = scene.folder / RECORDINGS_FOLDER
+        missing = [name for name in names if not (folder / name).exists()]
+        if missing:
+            text = f"{len(missing)} of {len(names)} images are not in {folder.name}/: {missing[0]}"
+            report.error(scene.map_folder, text)
