@@ -22,6 +22,7 @@ from vioapr.recording.scene import SPLITS, Scene
 from vioapr.recording.summary import RecordingSummary, SceneSummary, summarize_scene
 
 _BAR_WIDTH = 40
+_MAX_NAMED = 3
 
 
 def scene_check(
@@ -78,6 +79,11 @@ def scene_info(
     for summary in summaries:
         _print_recordings(summary)
         _print_speeds(summary)
+    console.print(
+        "tracked: share of frames with a tracker's pose. s: duration, ~ where it is counted from "
+        "a frame rate. m: way walked. m/s: median speed. Speeds are of recordings in a split.",
+        soft_wrap=True,
+    )
     if figure is not None:
         png, svg = render(speed_figure(_panels(summaries)))
         write_bytes(figure, svg if figure.suffix.lower() == ".svg" else png)
@@ -126,11 +132,6 @@ def _print_recordings(summary: SceneSummary) -> None:
         if recording.problem:
             text = f"WARNING {recording.id}: {recording.problem}"
             console.print(Text(text, style="yellow"), soft_wrap=True)
-    console.print(
-        "tracked: share of frames with a tracker's pose. s: duration, ~ where it is counted from "
-        "a frame rate. m: way walked. m/s: median speed.",
-        soft_wrap=True,
-    )
 
 
 def _row(recording: RecordingSummary) -> list[str]:
@@ -173,7 +174,8 @@ def _panels(summaries: Sequence[SceneSummary]) -> dict[str, dict[str, Any]]:
     for title, is_outdoor in (("Outdoor", True), ("Indoor", False)):
         chosen = [summary for summary in summaries if summary.is_outdoor == is_outdoor]
         if chosen:
-            names = ", ".join(summary.name for summary in chosen)
+            names = ", ".join(summary.name for summary in chosen[:_MAX_NAMED])
+            names = names if len(chosen) <= _MAX_NAMED else f"{len(chosen)} scenes"
             panels[f"{title}: {names}"] = {
                 split: np.concatenate(
                     [np.zeros(0)]

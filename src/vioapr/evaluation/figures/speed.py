@@ -49,7 +49,7 @@ def _draw(axis: Axes, title: str, by_split: Mapping[str, Array1]) -> None:
             bins=list(edges),
             stacked=True,
             weights=[np.full(len(values), 100 / len(speeds)) for values in shown.values()],
-            label=[f"{split}, {len(values)} s" for split, values in shown.items()],
+            label=[f"{split}, n = {len(values)}" for split, values in shown.items()],
             color=[_COLORS[split] for split in shown],
             edgecolor="white",
             linewidth=0.5,
