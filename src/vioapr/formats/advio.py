@@ -127,7 +127,8 @@ def read_corrected(path: Path, *, is_tracker: bool) -> Trajectory:
 MAX_RESIDUAL_DEG = 5.0
 """Tracker and ground truth of one walk agree on what happens in a second better than this."""
 
-_SPAN_S = 1.0
+_SPAN_S, _LEAST_TIMES = 1.0, 10
+_MAX_OFFSET_S = 5.0
 
 
 class Turn(NamedTuple):
@@ -153,7 +154,7 @@ def find_turn(gt: Trajectory, vio: Trajectory) -> Turn:
     times = vio.timestamps_s
     times = times[(times >= gt.timestamps_s[0]) & (times <= gt.timestamps_s[-1])]
     times = times[(times + _SPAN_S) <= times[-1]] if len(times) else times
-    if len(times) < 10:
+    if len(times) < _LEAST_TIMES:
         raise AssociationError("tracker and ground truth have too few times in common")
     moved, truth = (
         _relative(track.interpolate(times), track.interpolate(times + _SPAN_S))
@@ -171,6 +172,42 @@ def find_turn(gt: Trajectory, vio: Trajectory) -> Turn:
     best = min(np.arange(-180.0, 180.0, 2.0), key=residual_deg)
     best = min(np.arange(best - 2.0, best + 2.05, 0.05), key=residual_deg)
     return Turn(float((best + 180) % 360 - 180), residual_deg(best))
+
+
+def find_clock_offset(gt: Trajectory, vio: Trajectory) -> float:
+    """Seconds to add to a tracker's timestamps to meet those of the ground truth.
+
+    ARCore's are of another phone with a clock of its own. Angles of relative rotations depend
+    neither on the unknown turn nor on the world.
+
+    Raises:
+        AssociationError: The tracks have too few times in common.
+    """
+    (gt_times, gt_angles), (vio_times, vio_angles) = _turning(gt), _turning(vio)
+
+    def residual_deg(offset_s: float) -> float:
+        times = vio_times + offset_s
+        common = (times >= gt_times[0]) & (times <= gt_times[-1])
+        if common.sum() < len(times) / 2:
+            return np.inf
+        expected = np.interp(times[common], gt_times, gt_angles)
+        return float(np.median(np.abs(expected - vio_angles[common])))
+
+    best = min(np.arange(-_MAX_OFFSET_S, _MAX_OFFSET_S, 0.1), key=residual_deg)
+    best = min(np.arange(best - 0.1, best + 0.105, 0.01), key=residual_deg)
+    if not np.isfinite(residual_deg(best)):
+        raise AssociationError("tracker and ground truth have too few times in common")
+    return float(best)
+
+
+def _turning(track: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times, and how far the camera turns in the second that begins there, degrees."""
+    times = track.timestamps_s
+    times = times[times + _SPAN_S <= times[-1]]
+    if len(times) < _LEAST_TIMES:
+        raise AssociationError("tracker and ground truth have too few times in common")
+    moved = _relative(track.interpolate(times), track.interpolate(times + _SPAN_S))
+    return times, np.degrees(quaternion.angle_rad(moved))
 
 
 def undo_turn(trajectory: Trajectory, angle_deg: float, *, is_tracker: bool) -> Trajectory:

@@ -1,6 +1,7 @@
 """MARViN, ADVIO, 7-Scenes, Cambridge Landmarks and transforms.json."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from tests.recording.importers.sources import (
 
 from vioapr.errors import FormatError, ParameterError
 from vioapr.formats import advio, cambridge, conventions, marvin, sevenscenes
+from vioapr.formats.base import ReadOptions
 from vioapr.geometry import quaternion
 from vioapr.geometry.frames import z_up_from_y_up
 from vioapr.geometry.rigid import Rigid3
@@ -181,6 +183,30 @@ def test_advio_that_does_not_belong_together(tmp_path):
     path.write_text("\n".join(rows) + "\n")
     (found,) = read_walks(ADVIO, tmp_path)
     assert "they do not belong together" in texts(found, warnings=True)
+
+
+def test_advio_of_a_clock_of_its_own(tmp_path):
+    vio, _ = advio_files(tmp_path)
+    late = advio.VIO_FORMAT.read(tmp_path / "advio-07_arkit.csv", ReadOptions())
+    late = replace(late, timestamps_s=late.timestamps_s - 1.37)
+    advio.VIO_FORMAT.write(tmp_path / "advio-07_arcore.csv", late)
+    (found,) = read_walks(ADVIO, tmp_path, tracker="arcore")
+    assert "clock: +1.37 s were added" in texts(found, warnings=False)
+    np.testing.assert_allclose(found.timestamp_s, vio.timestamps_s, atol=0.006)
+    assert "a turn of 40 deg about z was undone" in texts(found, warnings=False)
+
+
+def test_advio_trackers_of_one_walk_agree_on_the_turn(data_dir):
+    raw = data_dir / "advio/raw_decimated"
+    gt = advio.FORMAT.read(raw / "advio-18_gt_pose.csv.gz", ReadOptions())
+    arkit, arcore = (
+        advio.VIO_FORMAT.read(raw / f"advio-18_{tracker}.csv.gz", ReadOptions())
+        for tracker in ("arkit", "arcore")
+    )
+    assert abs(advio.find_clock_offset(gt, arkit)) < 0.02
+    offset_s = advio.find_clock_offset(gt, arcore)
+    arcore = replace(arcore, timestamps_s=arcore.timestamps_s + offset_s)
+    assert abs(advio.find_turn(gt, arkit).angle_deg - advio.find_turn(gt, arcore).angle_deg) < 2
 
 
 def test_no_advio(tmp_path):

@@ -8,6 +8,7 @@ Every sequence is a scene of its own. Both layouts are read: the data set's own,
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -114,6 +115,7 @@ def _read_sequence(
         return walk
     gt = _read_track(truth, is_raw=is_raw, is_tracker=False)
     if is_raw:
+        vio = _meet_clocks(walk, vio, gt) if tracker == "arcore" else vio
         vio, gt = _correct(walk, vio, gt)
         walk.vio_from_cam = vio.target_from_source
     walk.gt = _common(gt.with_transforms(z_up_from_y_up(gt.target_from_source)), walk)
@@ -125,6 +127,14 @@ def _read_track(path: Path, *, is_raw: bool, is_tracker: bool) -> Trajectory:
         format_ = advio.VIO_FORMAT if is_tracker else advio.FORMAT
         return format_.read(path, ReadOptions())
     return advio.read_corrected(path, is_tracker=is_tracker)
+
+
+def _meet_clocks(walk: Walk, vio: Trajectory, gt: Trajectory) -> Trajectory:
+    """The tracker's poses on the clock of the ground truth: its phone has another."""
+    offset_s = advio.find_clock_offset(gt, vio)
+    walk.timestamp_s = vio.timestamps_s + offset_s
+    walk.note(f"clock: {offset_s:+.2f} s were added, so that both turn at the same times")
+    return replace(vio, timestamps_s=walk.timestamp_s)
 
 
 def _correct(walk: Walk, vio: Trajectory, gt: Trajectory) -> tuple[Trajectory, Trajectory]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.formats.checks import MIN_PAIRS, up_of
-from vioapr.formats.defects import MAX_SPEED_M_S
+from vioapr.formats.defects import MAX_SPEED_M_S, find_defects
 from vioapr.geometry import quaternion
 from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
@@ -20,7 +20,6 @@ from vioapr.trajectory import Trajectory, nearest_rows
 UP = np.array([0.0, 1.0, 0.0])
 """Of the tracker's world."""
 
-_UP_TOLERANCE_DEG = 25.0
 _ACCEL_TOLERANCE_DEG = 10.0
 _GRAVITY_M_S2 = 9.80665
 
@@ -38,6 +37,8 @@ def judge(walk: Walk) -> None:
     _judge_accelerometer(walk, rows)
     if walk.info.clock == "device":
         _judge_divergence(walk, rows)
+    if not walk.info.is_diverging:
+        _judge_defects(walk, rows)
 
 
 def _judge_counts(walk: Walk) -> None:
@@ -63,7 +64,8 @@ def _judge_gravity(walk: Walk, quats_xyzw: NDArray[np.float64]) -> None:
     name = ("+" if up[axis] > 0 else "-") + "xyz"[axis]
     off_deg = float(np.degrees(np.arccos(np.clip(up @ UP, -1, 1))))
     held = ", held in portrait" if is_portrait else ""
-    if off_deg <= _UP_TOLERANCE_DEG:
+    # A phone may be held tilted all the time, but hardly by half a right angle.
+    if name == "+y":
         walk.note(
             f"gravity: the tracker's +y is up, as the camera is held ({off_deg:.0f} deg off, "
             f"spread {spread_deg:.0f} deg{held})"
@@ -119,6 +121,15 @@ def _judge_divergence(walk: Walk, rows: NDArray[np.intp]) -> None:
         f"from {onset_s:.3f} s on, over {extent_m:.0f} m: left out of train and test"
     )
     walk.info = replace(walk.info, is_diverging=True)
+
+
+def _judge_defects(walk: Walk, rows: NDArray[np.intp]) -> None:
+    """What `vioapr inspect` would say of the track: gaps, jumps, scale, camera axes."""
+    poses = walk.vio_from_cam.at(rows)
+    is_timed = walk.info.clock == "device"
+    track = Trajectory(walk.timestamp_s[rows], *poses, is_timed=is_timed, target="vio")
+    for text in find_defects(track):
+        walk.warn(text)
 
 
 def turn_y_up(poses: Trajectory) -> tuple[str, Rigid3]:
