@@ -224,9 +224,10 @@ def main() -> None:
     scene.add_argument("--truth", type=Path, required=True)
     for command in (kitchen, scene):
         command.add_argument("--json", type=Path)
+        command.add_argument("--max-rate-hz", type=float, default=3.0)
         command.add_argument("--mapper", choices=("incremental", "global"), default="incremental")
     options = parser.parse_args()
-    params = MappingParams(mapper=options.mapper)
+    params = MappingParams(mapper=options.mapper, max_rate_hz=options.max_rate_hz)
     if options.command == "redkitchen":
         if options.data is None:
             parser.error("--data, or the environment variable VIOAPR_DATA, must name the data")

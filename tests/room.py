@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.umeyama import Sim3
+from vioapr.mapping.params import MappingParams
 from vioapr.recording.frames import Intrinsics, Tracking
 from vioapr.recording.info import RecordingInfo
 from vioapr.recording.scene import Scene
@@ -25,6 +26,8 @@ SIZE_M = np.array([6.0, 5.0, 3.0])
 WIDTH, HEIGHT, FOCAL = 320, 240, 220.0
 CAMERA = Intrinsics(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2)
 PIXELS_PER_M = 120
+QUICK = MappingParams(max_features=400, sequential=4, spatial=2, loops=4, threads=2)
+"""Enough for a room."""
 
 
 def wall_textures(seed: int = 0) -> list[np.ndarray]:
@@ -140,9 +143,9 @@ def make_room(folder: Path, seed: int = 0) -> tuple[Scene, dict[str, Trajectory]
     textures = wall_textures(seed)
     scene = Scene.create(folder, "Room", is_outdoor=False)
     walks = {
-        "a": ("train", walk(12, 0, 8, 1.2, 1.5), own_world(30, 1.01)),
-        "b": ("train", walk(12, 40, 8, 1.6, 1.2), own_world(-100, 0.99)),
-        "t": ("test", walk(6, 25, 9, 1.4, 1.4), own_world(170)),
+        "a": ("train", walk(8, 0, 10, 1.2, 1.5), own_world(30, 1.01)),
+        "b": ("train", walk(8, 30, 10, 1.6, 1.2), own_world(-100, 0.99)),
+        "t": ("test", walk(4, 25, 12, 1.4, 1.4), own_world(170)),
     }
     truth = {}
     for id_, (split, gt, vio_from_world) in walks.items():

@@ -44,12 +44,10 @@ def find_breaks(
     return differs & is_comparable
 
 
-def find_misplaced(breaks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Images that agree with neither neighbour, while the neighbours are many: shape (n,).
+def find_misplaced(breaks: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Which images agree with neither neighbour, by their number in order of time.
 
     A lone image between two breaks is placed wrongly. A single break may as well be a jump of
     the tracker, so images beside one are not suspected.
     """
-    before = np.concatenate([[False], breaks])
-    after = np.concatenate([breaks, [False]])
-    return before & after
+    return np.flatnonzero(breaks[:-1] & breaks[1:]) + 1

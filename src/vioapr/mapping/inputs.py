@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, MappingError
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.frames import Tracking
+from vioapr.recording.frames import Frames, Tracking
 from vioapr.recording.images import probe_image
 from vioapr.recording.recording import FRAMES_FILE, IMAGES_FOLDER, Recording
 from vioapr.recording.scene import SCENE_FILE, Scene
@@ -60,6 +60,7 @@ class MapImages:
         camera: Shape (n,), the camera of each, an index into `cameras`.
         cameras: The cameras.
         fingerprint: Changes with every file that the images and poses came from.
+        frame_row: Shape (n,), which frame of its recording an image is.
         unusable: Names of images that cannot be read, and why; they are not among `names`.
     """
 
@@ -75,6 +76,7 @@ class MapImages:
     camera: NDArray[np.intp]
     cameras: tuple[CameraGroup, ...]
     fingerprint: str
+    frame_row: NDArray[np.intp]
     unusable: dict[str, str]
 
     def __len__(self) -> int:
@@ -94,8 +96,12 @@ class MapImages:
         return np.flatnonzero(np.isin(self.recording, [self.ids.index(id_) for id_ in ids]))
 
 
-def collect_images(scene: Scene) -> MapImages:
-    """All images of the scene's training and test recordings.
+def collect_images(scene: Scene, max_rate_hz: float = 0.0) -> MapImages:
+    """The images of the scene's training and test recordings.
+
+    Args:
+        scene: The scene.
+        max_rate_hz: So many a second at most; 0 for all.
 
     Raises:
         FormatError: A recording is broken, or has no image that can be read.
@@ -115,7 +121,7 @@ def collect_images(scene: Scene) -> MapImages:
                 f"{recording.folder}: this recording has no images, only poses: take it out of the "
                 "splits to map the others"
             )
-        part, problems = _collect(recording, index, digest)
+        part, problems = _collect(recording, index, max_rate_hz, digest)
         unusable |= problems
         parts.append(part)
     return _join(parts, ids, digest.hexdigest(), unusable)
@@ -131,14 +137,17 @@ class _Part(NamedTuple):
     is_metric: NDArray[np.bool_]
     is_level: NDArray[np.bool_]
     cameras: list[CameraGroup]
+    frame_row: NDArray[np.intp]
 
 
-def _collect(recording: Recording, index: int, digest: Any) -> tuple[_Part, dict[str, str]]:
+def _collect(
+    recording: Recording, index: int, max_rate_hz: float, digest: Any
+) -> tuple[_Part, dict[str, str]]:
     frames = recording.frames
     path = recording.folder / FRAMES_FILE
     digest.update(f"{recording.id} {recording.info}\n".encode() + path.read_bytes())
     rows, sizes, unusable = [], [], {}
-    for row in np.flatnonzero(frames.has_image).tolist():
+    for row in _thin(frames, max_rate_hz):
         image = recording.image_path(row)
         name = f"{recording.id}/{IMAGES_FOLDER}/{frames.image[row]}"
         probe = probe_image(image)
@@ -164,8 +173,23 @@ def _collect(recording: Recording, index: int, digest: Any) -> tuple[_Part, dict
         np.full(len(kept), recording.info.is_metric),
         np.full(len(kept), recording.info.is_gravity_aligned),
         _group_cameras(sizes, np.column_stack([np.asarray(c) for c in kept.intrinsics])),
+        np.array(rows, dtype=np.intp),
     )
     return part, unusable
+
+
+def _thin(frames: Frames, max_rate_hz: float) -> list[int]:
+    """Frames with an image, so far apart in time as the rate says."""
+    rows = np.flatnonzero(frames.has_image).tolist()
+    if max_rate_hz == 0:
+        return rows
+    # A little less than the period: clocks jitter, and frames at just this rate are all wanted.
+    period_s = 0.9 / max_rate_hz
+    kept: list[int] = []
+    for row in rows:
+        if not kept or frames.timestamp_s[row] - frames.timestamp_s[kept[-1]] >= period_s:
+            kept.append(row)
+    return kept
 
 
 def _group_cameras(sizes: list[tuple[int, int]], values: NDArray[np.float64]) -> list[CameraGroup]:
@@ -214,6 +238,7 @@ def _join(
         np.array([number[key] for key in keys], dtype=np.intp),
         tuple(camera for _, camera in unique),
         fingerprint,
+        np.concatenate([part.frame_row for part in parts]),
         unusable,
     )
 

@@ -15,6 +15,8 @@ class MappingParams:
     Attributes:
         mapper: incremental grows the model image by image and is the more robust; global solves
             all rotations, then all positions at once, and is faster on many images.
+        max_rate_hz: So many images a second of every recording are mapped at most; 0 for all.
+            Frames between them get their ground truth by VIO.
         max_image_size: Images are scaled down to this many pixels along their longer side
             before features are looked for.
         max_features: Features of an image at most.
@@ -31,6 +33,7 @@ class MappingParams:
     """
 
     mapper: Literal["incremental", "global"] = "incremental"
+    max_rate_hz: float = 3.0
     max_image_size: int = 1600
     max_features: int = 4096
     sequential: int = 8
@@ -47,6 +50,8 @@ class MappingParams:
             if getattr(self, name) < least:
                 value = getattr(self, name)
                 raise ParameterError(f"{name}: expected at least {least}, got {value}")
+        if not 0 <= self.max_rate_hz < float("inf"):
+            raise ParameterError(f"max_rate_hz: expected at least 0, got {self.max_rate_hz}")
         for name in ("sequential", "spatial", "loops"):
             if getattr(self, name) < 0:
                 raise ParameterError(f"{name}: expected at least 0, got {getattr(self, name)}")

@@ -67,7 +67,7 @@ class _Mapping:
 
     def __init__(self, scene: Scene, params: MappingParams, progress: Progress) -> None:
         self.scene, self.params, self.progress = scene, params, progress
-        self.images = collect_images(scene)
+        self.images = collect_images(scene, params.max_rate_hz)
         self.train = tuple(scene.splits["train"])
         self.test = tuple(scene.splits.get("test", ()))
         self.steps = Steps(scene.folder / WORK_FOLDER)

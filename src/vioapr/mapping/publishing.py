@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vioapr import __version__
 from vioapr.errors import FormatError
 from vioapr.geometry.rigid import Rigid3
+from vioapr.mapping.carrying import carry_by_vio
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
 from vioapr.mapping.consistency import find_breaks, find_misplaced
 from vioapr.mapping.inputs import MapImages
@@ -69,9 +70,19 @@ def publish(
         "seconds": steps.seconds,
         "reused_steps": steps.reused,
     }
+    truths = {
+        id_: _ground_truth(scene, images, id_, rows, poses, facts)
+        for id_, facts in recordings.items()
+    }
+    for id_, truth in truths.items():
+        mapped = recordings[id_]["registered"] - len(recordings[id_]["misplaced"])
+        recordings[id_]["carried_by_vio"] = len(truth) - mapped if truth is not None else 0
     _replace_map(scene, world_folder, summary)
-    for id_ in images.ids:
-        _write_gt(scene, images, id_, rows, poses, recordings[id_]["misplaced"])
+    for id_, truth in truths.items():
+        if truth is None:
+            scene.gt_path(id_).unlink(missing_ok=True)  # of an earlier map, in another world
+        else:
+            scene.write_gt(id_, truth)
     geo = facts["world"]["georeference"]
     origin = GeodeticOrigin(**geo["origin"]) if isinstance(geo, dict) else None
     flags = facts["world"]["is_metric"], facts["world"]["is_gravity_aligned"]
@@ -184,22 +195,24 @@ def _replace_map(scene: Scene, world_folder: Path, summary: dict[str, Any]) -> N
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _write_gt(
+def _ground_truth(
     scene: Scene,
     images: MapImages,
     id_: str,
     rows: NDArray[np.intp],
     poses: Rigid3,
-    misplaced: list[str],
-) -> None:
-    """Ground truth of one recording: its registered images, but for misplaced ones."""
-    bad = set(misplaced)
+    facts: dict[str, Any],
+) -> Trajectory | None:
+    """Of one recording: its registered images but for misplaced ones, and frames between."""
+    bad = set(facts["misplaced"])
     is_own = images.recording[rows] == images.ids.index(id_)
     is_own &= np.array([images.names[k] not in bad for k in rows], dtype=bool)
     if not is_own.any():
-        scene.gt_path(id_).unlink(missing_ok=True)  # of an earlier map, in another world
-        return
-    own = poses.at(is_own)
-    scene.write_gt(
-        id_, Trajectory(images.timestamp_s[rows[is_own]], own.translation_m, own.quat_xyzw)
-    )
+        return None
+    frames = scene.recording(id_).frames
+    mapped, own = images.frame_row[rows[is_own]], poses.at(is_own)
+    between, carried = carry_by_vio(frames, mapped, own)
+    order = np.argsort(np.concatenate([mapped, between]), kind="stable")
+    positions, quats = (np.concatenate(p)[order] for p in zip(own, carried, strict=True))
+    times = frames.timestamp_s[np.concatenate([mapped, between])[order]]
+    return Trajectory(times, positions, quats)

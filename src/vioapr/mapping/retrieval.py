@@ -9,11 +9,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.vq import kmeans2
+from scipy.cluster.vq import kmeans
 
 WORDS = 64
 SAMPLE = 10_000
-ITERATIONS = 8
+CONVERGENCE = 1e-3
+"""Words are found when the mean distance to them changes by less; descriptors have length 1."""
 
 
 def describe_images(
@@ -51,9 +52,9 @@ def _find_words(
     each = -(-SAMPLE // len(spread))
     sample = [rng.permutation(read(name))[:each] for name in spread]
     descriptors = np.concatenate(sample)[:SAMPLE].astype(np.float64)
-    count = min(WORDS, len(descriptors))
+    count = min(WORDS, max(len(descriptors) // 20, 1))  # a word of few has no differences to sum
     start = descriptors[rng.choice(len(descriptors), count, replace=False)]
-    words, _ = kmeans2(descriptors, start, iter=ITERATIONS, minit="matrix")
+    words, _ = kmeans(descriptors, start, thresh=CONVERGENCE)
     return words.astype(np.float32)
 
 
