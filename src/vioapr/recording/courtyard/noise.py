@@ -39,9 +39,21 @@ def fractal(
         # What is smooth is drawn at a quarter of the size, which is 16 times faster.
         small = (-(-shape[0] // 4), -(-shape[1] // 4))
         coarsest = None if coarsest_px is None else coarsest_px / 4
-        field = fractal(rng, small, slope=slope, coarsest_px=coarsest, stretch=stretch)
+        field = _spectral(rng, small, slope, coarsest, finest_px / 4, stretch)
         image = Image.fromarray(field).resize((shape[1], shape[0]), Image.Resampling.BICUBIC)
         return np.asarray(image)
+    return _spectral(rng, shape, slope, coarsest_px, finest_px, stretch)
+
+
+def _spectral(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    slope: float,
+    coarsest_px: float | None,
+    finest_px: float,
+    stretch: float,
+) -> Field:
+    """White noise, its spectrum weighted."""
     white = rng.standard_normal(shape, dtype=np.float32)
     down = fft.fftfreq(shape[0]).astype(np.float32)[:, None] * np.float32(stretch)
     across = fft.rfftfreq(shape[1]).astype(np.float32)[None, :]

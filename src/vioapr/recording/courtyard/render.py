@@ -66,12 +66,21 @@ class Figure(NamedTuple):
 class Renderer:
     """Renders pictures of one world at one size."""
 
-    def __init__(self, world: World, size_px: tuple[int, int], *, vignetting: float = 0.22) -> None:
+    def __init__(
+        self,
+        world: World,
+        size_px: tuple[int, int],
+        *,
+        is_oversampled: bool = False,
+        vignetting: float = 0.22,
+    ) -> None:
         """Load a world and bake its light.
 
         Args:
             world: What to render.
             size_px: Width and height of the pictures.
+            is_oversampled: Whether every pixel is the mean of four; otherwise only edges are
+                smoothed, which is a third of the work.
             vignetting: How much darker the corners are than the middle, a share.
 
         Raises:
@@ -81,6 +90,7 @@ class Renderer:
         self.context = create_context()
         self.context.front_face = "cw"  # the projection has y downwards
         self.size_px, self._vignetting = size_px, vignetting
+        self._is_oversampled = is_oversampled
         self._programs: dict[tuple[str, ...], Any] = {}
         self._weather: Weather | None = None
         self._world = world
@@ -101,31 +111,14 @@ class Renderer:
 
     def add_figures(self, meshes: Sequence[Mesh]) -> None:
         """Load meshes of people, which `render` places."""
-        self._figures += [self._load(FIGURE_MATERIAL, mesh) for mesh in meshes]
+        with self.context:
+            self._figures += [self._load(FIGURE_MATERIAL, mesh) for mesh in meshes]
 
     def set_weather(self, weather: Weather, seed: int = 0) -> None:
         """Light the world: sky, sun and shadows. The seed draws the clouds."""
         self._weather = weather
-        disc = np.sqrt(paint_sky(np.random.default_rng([seed, 7]), weather) / 2)
-        pixels = (np.clip(disc, 0, 1) * 255 + 0.5).astype(np.uint8)
-        self._sky_disc = self.context.texture(pixels.shape[1::-1], 3, pixels.tobytes())
-        sun = sun_clip_from_world(weather.sun_direction)
-        self._draw_depths(self._shadow, self._chunks.drawables, sun)
-        half = np.diag([0.5, 0.5, 0.5, 1.0])
-        half[:3, 3] = 0.5
-        shadow_from_world = half @ sun
-        shadow_from_world[2, 3] -= 0.0012  # no surface shades itself
-        ambient = sum(weather.sky) + sum(weather.bounce)
-        share = ambient / (ambient + sum(weather.sun) * weather.sun_direction[2])
-        self._light = {
-            "shadow_from_world": matrix_bytes(shadow_from_world),
-            "sun_direction": weather.sun_direction, "sun_light": weather.sun,
-            "sky_light": weather.sky, "bounce_light": weather.bounce,
-            "lamp_light": weather.lamps, "horizon": weather.horizon,
-            "haze_per_m": weather.haze_per_m, "wetness": weather.wetness,
-            # Colours are stored as square roots, and so is what a shadow leaves of them.
-            "remaining": float(np.sqrt(share)), "picture": 0, "shadow_map": 1, "sky_disc": 2,
-        }  # fmt: skip
+        with self.context:
+            self._light = self._lit(weather, seed)
 
     def render(
         self,
@@ -152,20 +145,43 @@ class Renderer:
             "world_from_model": matrix_bytes(np.eye(4)),
             "camera_m": np.asarray(world_from_cam.translation_m),
         }
-        gl = self.context
-        self._raw.use()
-        self._raw.clear(0, 0, 0, 1, depth=1.0)
-        gl.enable_only(gl.DEPTH_TEST | gl.CULL_FACE)
-        self._shadow_texture.use(1)
-        self._sky_disc.use(2)
-        self._draw_world({**self._light, **view}, np.asarray(world_from_cam.translation_m), camera)
-        self._draw_figures({**self._light, **view}, figures)
-        self._draw_sky(world_from_cam, camera)
-        return self._develop(camera, shot or Shot())
+        with self.context as gl:  # there may be other renderers
+            self._raw.use()
+            self._raw.clear(0, 0, 0, 1, depth=1.0)
+            gl.enable_only(gl.DEPTH_TEST | gl.CULL_FACE)
+            self._shadow_texture.use(1)
+            self._sky_disc.use(2)
+            self._draw_world({**self._light, **view}, view["camera_m"], camera)
+            self._draw_figures({**self._light, **view}, figures)
+            self._draw_sky(world_from_cam, camera)
+            return self._develop(camera, shot or Shot())
 
     def release(self) -> None:
         """Give back the context's memory."""
         self.context.release()
+
+    def _lit(self, weather: Weather, seed: int) -> dict[str, Any]:
+        """Make the maps of sky and shadows; what the programs need to know of the light."""
+        disc = np.sqrt(paint_sky(np.random.default_rng([seed, 7]), weather) / 2)
+        pixels = (np.clip(disc, 0, 1) * 255 + 0.5).astype(np.uint8)
+        self._sky_disc = self.context.texture(pixels.shape[1::-1], 3, pixels.tobytes())
+        sun = sun_clip_from_world(weather.sun_direction)
+        self._draw_depths(self._shadow, self._chunks.drawables, sun)
+        half = np.diag([0.5, 0.5, 0.5, 1.0])
+        half[:3, 3] = 0.5
+        shadow_from_world = half @ sun
+        shadow_from_world[2, 3] -= 0.0012  # no surface shades itself
+        ambient = sum(weather.sky) + sum(weather.bounce)
+        share = ambient / (ambient + sum(weather.sun) * weather.sun_direction[2])
+        return {
+            "shadow_from_world": matrix_bytes(shadow_from_world),
+            "sun_direction": weather.sun_direction, "sun_light": weather.sun,
+            "sky_light": weather.sky, "bounce_light": weather.bounce,
+            "lamp_light": weather.lamps, "horizon": weather.horizon,
+            "haze_per_m": weather.haze_per_m, "wetness": weather.wetness,
+            # Colours are stored as square roots, and so is what a shadow leaves of them.
+            "remaining": float(np.sqrt(share)), "picture": 0, "shadow_map": 1, "sky_disc": 2,
+        }  # fmt: skip
 
     @property
     def _daylight(self) -> Weather:
@@ -219,7 +235,8 @@ class Renderer:
     def _develop(self, camera: Intrinsics, shot: Shot) -> NDArray[np.uint8]:
         """What lens and sensor make of the light."""
         moved_px = np.linalg.norm(shot.turned_rad) * float(np.asarray(camera.fx))
-        program = self._program("CAMERA", *(["BLUR"] if moved_px > _BLUR_PX else []))
+        fine = ["OVERSAMPLED"] if self._is_oversampled else []
+        program = self._program("CAMERA", *(["BLUR"] if moved_px > _BLUR_PX else fine))
         width, height = self.size_px
         self._developed.use()
         self.context.enable_only(self.context.NOTHING)
@@ -236,9 +253,11 @@ class Renderer:
 
     def _make_targets(self) -> None:
         gl, size = self.context, self.size_px
-        self._raw_texture = gl.texture(size, 4)
+        scale = 2 if self._is_oversampled else 1
+        raw_size = (scale * size[0], scale * size[1])
+        self._raw_texture = gl.texture(raw_size, 4)
         self._raw_texture.repeat_x = self._raw_texture.repeat_y = False
-        self._raw = gl.framebuffer(self._raw_texture, gl.depth_renderbuffer(size))
+        self._raw = gl.framebuffer(self._raw_texture, gl.depth_renderbuffer(raw_size))
         self._developed = gl.framebuffer(gl.renderbuffer(size, 4))
         self._shadow_texture = gl.depth_texture((SHADOW_PX, SHADOW_PX))
         self._shadow_texture.compare_func = "<="

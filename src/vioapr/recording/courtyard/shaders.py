@@ -201,6 +201,7 @@ vec3 random_values(uint key) {
     return (one + two - 65535.0) / 65535.0 * 2.449;
 }
 
+// Between four pixels of a picture of twice the size, this is their mean.
 vec3 stored_at(vec2 where) { return texture(scene, where).rgb; }
 
 #ifdef BLUR
@@ -215,6 +216,8 @@ vec3 seen() {
     for (int k = 0; k < 5; k++) sum += stored_at(at + moved * (float(k) - 2.0) / 5.0);
     return sum / 5.0;
 }
+#elif defined(OVERSAMPLED)
+vec3 seen() { return stored_at(at); }
 #else
 float luminance_at(ivec2 pixel, ivec2 last) {
     return dot(texelFetch(scene, clamp(pixel, ivec2(0), last), 0).rgb, vec3(0.3, 0.6, 0.1));
@@ -263,7 +266,7 @@ void main() {
 
 
 def variant(program: str, *features: str) -> str:
-    """A vertex or fragment program with some features: CUTOUT, SUN, GLOSS, BLUR."""
+    """A vertex or fragment program with some features: CUTOUT, SUN, GLOSS, BLUR, OVERSAMPLED."""
     defines = "".join(f"#define {feature}\n" for feature in features)
     return program.replace("#version 330\n", "#version 330\n" + defines, 1)
 

@@ -53,10 +53,13 @@ class CourtyardParams:
     """Length of each, s."""
     rate_hz: float = 10.0
     """Images per second."""
-    width_px: int = 384
+    width_px: int = 480
     """Width of the images."""
-    height_px: int = 288
+    height_px: int = 360
     """Height of the images."""
+    oversampled: bool = False
+    """Whether every pixel is the mean of four: features are found more exactly, see
+    docs/simulation.md, and rendering takes two to three times as long."""
     people: int = 9
     """Passers-by in each recording."""
     texture_px_per_m: float = 64.0
@@ -272,7 +275,8 @@ def _write_instruments(
 
 def make_renderer(place: world.World, params: CourtyardParams, seed: int) -> Renderer:
     """A renderer of the place, with people to put into it."""
-    renderer = Renderer(place, (params.width_px, params.height_px))
+    size_px = (params.width_px, params.height_px)
+    renderer = Renderer(place, size_px, is_oversampled=params.oversampled)
     renderer.add_figures(figure_meshes(np.random.default_rng([seed, 4]), params.people))
     return renderer
 
