@@ -2,8 +2,9 @@
 
 A folder of small JPEG images and a TUM trajectory of as many poses are imported by
 `vioapr import images`, as copies and as hard links, then verified by `vioapr scene check` and
-summed up by `vioapr scene info`. Every command is a process of its own, so that its time includes
-the start of Python, and its peak memory is its own.
+summed up by `vioapr scene info`; beside them, `cp -r` of the same images. Every command is a
+process of its own, so that its time includes the start of Python, and its peak memory is its
+own.
 
     python benchmarks/scene_speed.py [--json FILE] [--folder DIR] [--quick]
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import os
 import shutil
 import subprocess
 import sys
@@ -74,11 +76,21 @@ def run(*arguments: object) -> tuple[float, float, float]:
     return seconds, cpu_seconds, peak_kb / 1024
 
 
-def measure(frames: int, folder: Path, repeats: int) -> dict[str, dict[str, float]]:
+def copy(folder: Path) -> tuple[float, float, float]:
+    """What the system itself needs to copy as many files: the floor of an import that copies."""
+    start = time.perf_counter()
+    subprocess.run(["cp", "-r", folder / "images", folder / "copy"], check=True)
+    seconds = time.perf_counter() - start
+    shutil.rmtree(folder / "copy")
+    return seconds, float("nan"), float("nan")
+
+
+def measure(frames: int, folder: Path, repeats: int) -> dict[str, dict[str, float | None]]:
     """Median seconds and largest peak of every command."""
     make_source(folder, frames)
     measured: dict[str, list[tuple[float, float, float]]] = {}
     for _ in range(repeats):
+        measured.setdefault("cp -r, of the images", []).append(copy(folder))
         for how in ("link", "copy"):
             scene = folder / "scene"
             shutil.rmtree(scene, ignore_errors=True)
@@ -88,13 +100,17 @@ def measure(frames: int, folder: Path, repeats: int) -> dict[str, dict[str, floa
         make_test(scene)
         measured.setdefault("scene check", []).append(run("scene", "check", scene))
         measured.setdefault("scene info", []).append(run("scene", "info", scene))
+    return {name: _sum_up(runs) for name, runs in measured.items()}
+
+
+def _sum_up(runs: list[tuple[float, float, float]]) -> dict[str, float | None]:
+    """Median times and the largest peak; None where they are not known."""
+    seconds, cpu_seconds, peak_mb = np.array(runs).T
+    known = np.isfinite(peak_mb).all()
     return {
-        name: {
-            "seconds": float(np.median([seconds for seconds, _, _ in runs])),
-            "cpu_seconds": float(np.median([seconds for _, seconds, _ in runs])),
-            "peak_mb": max(peak for _, _, peak in runs),
-        }
-        for name, runs in measured.items()
+        "seconds": float(np.median(seconds)),
+        "cpu_seconds": float(np.median(cpu_seconds)) if known else None,
+        "peak_mb": float(peak_mb.max()) if known else None,
     }
 
 
@@ -134,15 +150,23 @@ def main() -> None:
             for frames in sizes
             for text in (
                 f"{results[frames][name]['seconds']:.2f}",
-                f"{results[frames][name]['cpu_seconds']:.2f}",
-                f"{results[frames][name]['peak_mb']:.0f}",
+                _format(results[frames][name]["cpu_seconds"], 2),
+                _format(results[frames][name]["peak_mb"], 0),
             )
         ]
         table.add_row(name, *cells)
     Console().print(table)
     if options.json:
         machine = describe_machine(["numpy", "pillow"])
-        write_json(options.json, {"machine": machine, "frames": results, "repeats": repeats})
+        load = os.getloadavg()
+        write_json(
+            options.json,
+            {"machine": machine, "load": load, "frames": results, "repeats": repeats},
+        )
+
+
+def _format(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
 
 
 if __name__ == "__main__":
