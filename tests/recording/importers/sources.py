@@ -24,7 +24,9 @@ def walk(count: int = COUNT) -> Trajectory:
     """A tracker's poses, y up: 1 m/s, up and down a little, turning from side to side."""
     times = np.arange(count) / RATE_HZ
     positions = np.stack([np.sin(times), 0.2 * np.cos(3 * times), -times], axis=1)
-    turns = quaternion.from_rotvec(np.outer(0.5 * np.sin(2 * times + 0.03 * times**2), [0.0, 1.0, 0.0]))
+    turns = quaternion.from_rotvec(
+        np.outer(0.5 * np.sin(2 * times + 0.03 * times**2), [0.0, 1.0, 0.0])
+    )
     nods = quaternion.from_rotvec(np.outer(0.2 * np.cos(times), [1.0, 0.0, 0.0]))
     quats = quaternion.multiply(quaternion.multiply(turns, nods), UPRIGHT_XYZW)
     return Trajectory(times, positions, quats, target="vio")

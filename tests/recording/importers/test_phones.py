@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 import zipfile
 
 import numpy as np
@@ -17,7 +18,7 @@ from tests.recording.importers.sources import (
 )
 from tests.recording.scenes import jpeg
 
-from vioapr.errors import FormatError
+from vioapr.errors import FormatError, MissingExtraError
 from vioapr.formats.table import format_rows
 from vioapr.recording.importers.record3d import IMPORTER as RECORD3D
 from vioapr.recording.importers.stray import IMPORTER as STRAY
@@ -145,6 +146,14 @@ def test_stray_broken_video(stray_folder):
     shutil.rmtree(stray_folder / "rgb")
     (stray_folder / "rgb.mp4").write_bytes(b"no video")
     with pytest.raises(FormatError, match=r"rgb.mp4: cannot be read as a video"):
+        read_walks(STRAY, stray_folder)
+
+
+def test_without_pyav_a_video_says_what_to_install(stray_folder, monkeypatch):
+    shutil.rmtree(stray_folder / "rgb")
+    (stray_folder / "rgb.mp4").write_bytes(b"a video")
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'vioapr\[video\]'"):
         read_walks(STRAY, stray_folder)
 
 

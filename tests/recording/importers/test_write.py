@@ -128,6 +128,45 @@ def test_a_full_disk_leaves_the_scene_as_it_was(bytes_left, scene, tmp_path, mon
     assert scene.recording_ids == ["walk-1", "walk-2"]
 
 
+def test_a_full_disk_at_the_very_end(scene, tmp_path, monkeypatch):
+    source = make_images(tmp_path / "s")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    before = snapshot(scene)
+
+    def fail(path, text):
+        raise FormatError(path, "cannot be written: No space left on device")
+
+    monkeypatch.setattr("vioapr.recording.scene.write_text", fail)
+    with pytest.raises(FormatError, match="No space left on device"):
+        write_walk(scene, walk)
+    assert snapshot(scene) == before
+
+
+def test_an_interrupt_leaves_the_scene_as_it_was(scene, tmp_path):
+    walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    images = list(walk.images)
+
+    def interrupted():
+        yield from images[:5]
+        raise KeyboardInterrupt
+
+    walk.images = interrupted()
+    before = snapshot(scene)
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert snapshot(scene) == before
+
+
+def test_existing_ground_truth_is_never_overwritten(scene, tmp_path):
+    scene.write_gt("images", scene.gt("walk-1"))
+    source = make_images(tmp_path / "s")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    before = snapshot(scene)
+    with pytest.raises(FormatError, match=r"images.tum: ground truth of this id exists"):
+        write_walk(scene, walk)
+    assert snapshot(scene) == before
+
+
 def test_what_was_left_by_a_kill_is_replaced(scene, tmp_path):
     left = scene.folder / "recordings/.scan.partial"
     left.mkdir()

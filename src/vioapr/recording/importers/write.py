@@ -20,7 +20,7 @@ from vioapr.recording.scene import SCENE_FILE, Scene
 from vioapr.recording.writer import RecordingWriter
 
 _MAX_NAMED = 3
-_BLOCK_FRAMES = 512
+_BLOCK_FRAMES = 128
 _DIVERGING = "the tracker is diverging"
 
 
@@ -65,24 +65,24 @@ def write_walk(
     Raises:
         FormatError: The recording exists, or something cannot be written.
     """
-    folder = scene.recording_folder(walk.id)
-    if folder.exists():
-        raise FormatError(
-            folder, "a recording of this id exists: give another with --id, or remove it first"
-        )
+    folder, gt_path = scene.recording_folder(walk.id), scene.gt_path(walk.id)
+    for path, what in ((folder, "a recording"), (gt_path, "ground truth")):
+        if path.exists():
+            problem = f"{what} of this id exists: give another with --id, or remove it first"
+            raise FormatError(path, problem)
     partial = folder.with_name(f".{walk.id}.partial")
     _remove(partial)
     try:
         _write_recording(partial, walk, link=link, tick=tick)
         if walk.gt is not None:
             scene.write_gt(walk.id, walk.gt)
-        scene = _enter(scene, walk)
         partial.rename(folder)
+        scene = _enter(scene, walk)
         scene.save()
     except BaseException as error:
         _remove(partial)
-        if not folder.exists():
-            scene.gt_path(walk.id).unlink(missing_ok=True)
+        _remove(folder)
+        gt_path.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise FormatError(folder, f"cannot be written: {error.strerror}") from None
         raise
