@@ -192,6 +192,19 @@ def test_a_folder_of_other_files_is_no_scene(tmp_path):
     (tmp_path / "a.txt").write_text("x")
     with pytest.raises(FormatError, match="expected a scene or a new folder, found other files"):
         open_or_create(tmp_path, imported("outdoor"), None)
+    with pytest.raises(FormatError, match="expected a scene or a new folder, found a file"):
+        open_or_create(tmp_path / "a.txt", imported("outdoor"), None)
+
+
+def test_frames_without_image_and_pose_stay_for_their_ground_truth(scene, tmp_path):
+    source = make_images(tmp_path / "s")
+    (source / "images/frame-0003.jpg").write_bytes(b"")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    scene = write_walk(scene, walk)
+    frames = scene.recording("images").frames
+    assert len(frames) == COUNT
+    assert (frames.image[3], frames.has_pose[3]) == ("", False)
+    assert not check_scene(scene.folder).errors
 
 
 def test_tracking_lost_throughout_is_reported(tmp_path):

@@ -33,8 +33,9 @@ def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -
     """
     if (folder / SCENE_FILE).exists():
         return Scene.open(folder)
-    if folder.exists() and any(folder.iterdir()):
-        raise FormatError(folder, "expected a scene or a new folder, found other files")
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        found = "other files" if folder.is_dir() else "a file"
+        raise FormatError(folder, f"expected a scene or a new folder, found {found}")
     chosen = place or imported.place
     if chosen is None:
         raise ParameterError(
@@ -111,8 +112,7 @@ def _write_recording(
             rows = np.arange(start, min(start + _BLOCK_FRAMES, len(walk)))
             names, seen = _write_images(writer, walk, rows, images, link, broken)
             sizes.update(size for size in seen if size is not None)
-            frames = _frames(walk, rows, names, seen)
-            writer.add_frames(frames.at_rows(frames.has_image | frames.has_pose))
+            writer.add_frames(_frames(walk, rows, names, seen))
             if tick is not None:
                 tick(len(rows))
         _write_sensors(writer, walk)
