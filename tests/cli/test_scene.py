@@ -4,7 +4,12 @@ import json
 
 import pytest
 from PIL import Image
-from tests.recording.importers.sources import make_images, make_marvin, make_stray
+from tests.recording.importers.sources import (
+    make_images,
+    make_marvin,
+    make_nerfstudio,
+    make_stray,
+)
 from tests.recording.scenes import make_scene
 
 from vioapr.recording.importers.registry import IMPORTERS
@@ -78,6 +83,13 @@ def test_import_check_and_info_of_a_scan(run, tmp_path):
     assert code == 0
     assert run("scene", "check", out)[0] == 0
     assert run("scene", "info", out)[0] == 0
+
+
+def test_import_goes_by_other_names(run, tmp_path):
+    source = make_nerfstudio(tmp_path / "capture")
+    code, text, _ = run("import", "Polycam", source, "--out", tmp_path / "s", "--place", "indoor")
+    assert code == 0
+    assert "recordings/capture (train)" in text
 
 
 def test_import_a_folder_with_a_trajectory(run, tmp_path):

@@ -36,6 +36,8 @@ IMPORTERS: dict[str, Importer] = {
     )
 }
 
+_ALIASES = {"polycam": "nerfstudio", "instant-ngp": "nerfstudio", "sevenscenes": "7scenes"}
+
 Progress = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
 
 
@@ -57,11 +59,12 @@ class Imported:
 
 
 def get_importer(name: str) -> Importer:
-    """The importer of a name.
+    """The importer of a name, or of what else it goes by.
 
     Raises:
         ParameterError: There is none; the message lists them.
     """
+    name = _ALIASES.get(name.lower(), name.lower())
     if name not in IMPORTERS:
         raise ParameterError(f"unknown source {name!r}: expected one of {', '.join(IMPORTERS)}")
     return IMPORTERS[name]
