@@ -101,8 +101,16 @@ def test_nothing_finished_is_done_again(mapped_room, copy_of):
 
 
 @pytest.mark.slow
-def test_a_killed_run_resumes(room, copy_of):
-    """Killed with no chance to tidy up, in the midst of matching; an earlier map stays."""
+@pytest.mark.parametrize(
+    ("title", "count", "reused"),
+    [
+        ("finding features", 5, []),
+        ("matching images", 5, ["features"]),
+        ("mapping (incremental)", 3, ["features", "matches"]),
+    ],
+)
+def test_a_killed_run_resumes(room, copy_of, title, count, reused):
+    """Killed with no chance to tidy up; an earlier map stays."""
     scene = copy_of(room[0])
     (scene.folder / "map").mkdir()
     (scene.folder / "map" / "old").write_text("earlier result")
@@ -112,10 +120,8 @@ def test_a_killed_run_resumes(room, copy_of):
         from contextlib import contextmanager
         sys.path[:0] = {sys.path!r}
         from room import QUICK
-        from vioapr.mapping import matching
         from vioapr.mapping.pipeline import map_scene
         from vioapr.recording.scene import Scene
-        matching.CHUNK = 10
 
         @contextmanager
         def progress(title, total):
@@ -123,7 +129,7 @@ def test_a_killed_run_resumes(room, copy_of):
             def tick():
                 nonlocal count
                 count += 1
-                if title == "matching images" and count == 25:
+                if title == {title!r} and count == {count}:
                     os.kill(os.getpid(), 9)
             yield tick
 
@@ -133,21 +139,10 @@ def test_a_killed_run_resumes(room, copy_of):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()
     assert (scene.folder / "map" / "old").read_text() == "earlier result"
-    matched = []
-    summary = map_scene(scene, QUICK, counting("matching images", matched))
-    assert summary["reused_steps"] == ["features"]
-    assert summary["recordings"]["t"]["registered"] == 4
+    summary = map_scene(scene, QUICK)
+    assert summary["reused_steps"] == reused
+    assert [facts["registered"] for facts in summary["recordings"].values()] == [8, 8, 4]
     assert not (scene.folder / "map" / "old").exists()
-
-
-def counting(title, ticks):
-    from contextlib import contextmanager
-
-    @contextmanager
-    def progress(name, total):
-        yield lambda: ticks.append(name) if name == title else None
-
-    return progress
 
 
 def test_recordings_that_share_no_view(room, copy_of):

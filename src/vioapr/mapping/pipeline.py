@@ -15,6 +15,7 @@ from vioapr.mapping import pairs
 from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors
 from vioapr.mapping.features import extract_features, image_ids, read_descriptors
 from vioapr.mapping.inputs import collect_images
+from vioapr.mapping.isolation import run_isolated
 from vioapr.mapping.matching import MIN_INLIERS, count_inliers, find_islands, match_pairs
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.placing import place_model, poses_of_model
@@ -109,9 +110,10 @@ class _Mapping:
             for file in self.steps.folder.glob("database.db*"):
                 file.unlink()
         with self.progress("finding features", len(self.images)) as tick:
-            return extract_features(
-                self.database, self.image_folder, self.images, self.params, tick
-            )
+            return run_isolated(
+                extract_features, self.database, self.image_folder, self.images, self.params,
+                tick=tick,
+            )  # fmt: skip
 
     def _match(self, broken: dict[str, str], is_resumed: bool) -> dict[str, Any]:
         if not is_resumed:  # the mapper would use the pairs of another choice as well
@@ -126,7 +128,7 @@ class _Mapping:
         likeness = vectors[rows] @ vectors[rows].T
         chosen = pairs.training_pairs(self.images, rows, likeness, self.params)
         with self.progress("matching images", len(chosen)) as tick:
-            match_pairs(self.database, self.images, chosen, self.params, tick)
+            run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
         inliers = count_inliers(self.database, self.images, chosen)
         islands = find_islands(self.images, chosen, inliers, self.train)
         good = int((inliers >= MIN_INLIERS).sum())
@@ -169,8 +171,8 @@ class _Mapping:
         choice = self.params.refine_intrinsics
         refines = choice == "yes" or (choice == "auto" and not known)
         with self.progress(f"mapping ({self.params.mapper})", len(names)) as tick:
-            return reconstruct(
-                self.database, self.image_folder, names, self.sparse, self.params,
+            return run_isolated(
+                reconstruct, self.database, self.image_folder, names, self.sparse, self.params,
                 refines_intrinsics=refines, tick=tick,
             )  # fmt: skip
 
@@ -219,6 +221,6 @@ class _Mapping:
 
     def _register_by(self, chosen: pairs.Pairs, model: Any, what: str) -> list[Registered]:
         with self.progress(f"matching {what}", len(chosen)) as tick:
-            match_pairs(self.database, self.images, chosen, self.params, tick)
+            run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
         with self.progress(f"registering {what}", len(np.unique(chosen[:, 0]))) as tick:
             return register_images(self.database, model, self.images, chosen, self.params, tick)
