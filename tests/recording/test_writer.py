@@ -148,7 +148,7 @@ def fill_disk_after(monkeypatch, bytes_left):
         left[0] -= taken
         return taken
 
-    monkeypatch.setattr("vioapr.recording.images.os.write", write)
+    monkeypatch.setattr("vioapr.recording.tables.os.write", write)
 
 
 @pytest.mark.parametrize("bytes_left", [0, 10, len(jpeg()), len(jpeg()) + 20])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -149,11 +150,9 @@ def _check_recording(
     report.recordings += 1
     info = _check_info(folder, report)
     walked = _Walked()
-    try:
+    with _collecting(report):
         for block in read_frame_blocks(folder / FRAMES_FILE, report.problems):
             _check_frames(folder, block, walked, report, decode, tick)
-    except FormatError as error:
-        report.error(Path(error.path), error.problem, error.line)
     report.frames += walked.frames
     _check_whole(scene, id_, folder, info, walked, report)
     _check_orphans(folder, walked, report)
@@ -164,19 +163,13 @@ def _check_recording(
     _check_gt(scene, id_, walked, report)
 
 
-class _collecting:
+@contextmanager
+def _collecting(report: Report) -> Iterator[None]:
     """Turns a file that cannot be read at all into a problem."""
-
-    def __init__(self, report: Report) -> None:
-        self._report = report
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
-        if not isinstance(error, FormatError):
-            return False
-        self._report.error(Path(error.path), error.problem, error.line)
-        return True
+    try:
+        yield
+    except FormatError as error:
+        report.error(Path(error.path), error.problem, error.line)
 
 
 def _check_info(folder: Path, report: Report) -> RecordingInfo:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
+from vioapr.recording.tables import write_all
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
@@ -183,10 +184,3 @@ def write_image(path: Path | str, content: bytes) -> None:
         raise FormatError(path, f"cannot be written: {error.strerror}") from None
     finally:
         os.close(file)
-
-
-def write_all(file: int, content: bytes) -> None:
-    """Write bytes to a file descriptor; a system call may take only some of them."""
-    written = os.write(file, content)
-    while written < len(content):
-        written += os.write(file, content[written:])

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.formats.table import is_number
-from vioapr.recording.images import write_all
 
 BLOCK_ROWS = 4096
 """Rows that are held as text at a time."""
@@ -95,6 +94,13 @@ class AppendTable:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def write_all(file: int, content: bytes) -> None:
+    """Write bytes to a file descriptor; a system call may take only some of them."""
+    written = os.write(file, content)
+    while written < len(content):
+        written += os.write(file, content[written:])
 
 
 @dataclass

@@ -120,7 +120,7 @@ def test_a_full_disk_leaves_the_scene_as_it_was(bytes_left, scene, tmp_path, mon
         left[0] -= taken
         return taken
 
-    monkeypatch.setattr("vioapr.recording.images.os.write", full)
+    monkeypatch.setattr("vioapr.recording.tables.os.write", full)
     with pytest.raises(FormatError, match="cannot be written: No space left on device"):
         write()
     monkeypatch.undo()
