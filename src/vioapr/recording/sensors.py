@@ -117,26 +117,39 @@ def _read(
         required: How many of the first columns must not be empty.
         limits: Largest magnitude of single columns.
     """
-    width = header.count(",") + 1
     names = header.split(",")
-    blocks, latest_s = [np.zeros((0, width))], -np.inf
+    parts, latest_s = [np.zeros((0, len(names)))], -np.inf
     for block in read_blocks(path, header, problems):
-        block, values = to_numbers(path, block, range(width), problems)
-        bad = np.zeros(len(values), dtype=bool)
-        lines = block.lines
+        block, values = to_numbers(path, block, range(len(names)), problems)
+        found = _find_problems(values, names, required, limits or {}, latest_s)
+        problems += [Problem(path, block.lines[row], text) for row, text in sorted(found.items())]
+        values = np.delete(values, list(found), axis=0)
+        parts.append(values)
+        latest_s = max(latest_s, values[:, 0].max(initial=-np.inf))
+    return np.concatenate(parts)
 
-        def report(mask: Any, text: str, lines=lines, bad=bad) -> None:
-            problems.extend(Problem(path, lines[i], text) for i in np.flatnonzero(mask & ~bad))
-            bad |= mask
 
-        is_missing = np.isnan(values[:, :required]).any(axis=1)
-        report(is_missing, f"expected a value for {','.join(names[:required])}")
-        for column, limit in (limits or {}).items():
-            text = f"expected {names[column]} within {limit:g}"
-            report(np.abs(values[:, column]) > limit, text)
-        times = np.where(bad, -np.inf, values[:, 0])
-        before = np.maximum.accumulate(np.concatenate([[latest_s], times]))[:-1]
-        report(values[:, 0] < before, "expected a timestamp not earlier than the one before")
-        blocks.append(values[~bad])
-        latest_s = max(latest_s, values[~bad, 0].max(initial=-np.inf))
-    return np.concatenate(blocks)
+def _find_problems(
+    values: NDArray[np.float64],
+    names: list[str],
+    required: int,
+    limits: dict[int, float],
+    latest_s: float,
+) -> dict[int, str]:
+    """What is wrong with some rows, by row: the first of several problems."""
+    found: dict[int, str] = {}
+
+    def report(bad: Any, text: str) -> None:
+        for row in np.flatnonzero(bad):
+            found.setdefault(int(row), text)
+
+    is_missing = np.isnan(values[:, :required]).any(axis=1)
+    report(is_missing, f"expected a value for {','.join(names[:required])}")
+    for column, limit in limits.items():
+        is_beyond = np.abs(values[:, column]) > limit
+        report(is_beyond, f"expected {names[column]} within {limit:g}")
+    usable = np.array([row not in found for row in range(len(values))], dtype=bool)
+    times = np.concatenate([[latest_s], np.where(usable, values[:, 0], -np.inf)])
+    is_early = values[:, 0] < np.maximum.accumulate(times)[:-1]
+    report(is_early, "expected a timestamp not earlier than the one before")
+    return found
