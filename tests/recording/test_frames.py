@@ -134,6 +134,12 @@ def test_further_columns_are_passed_over(tmp_path):
     assert len(read_frames(path, [])) == 1
 
 
+def test_only_malformed_lines(tmp_path):
+    frames, problems = read_lines(tmp_path, line("now"), line("then"))
+    assert len(frames) == 0
+    assert [problem.line for problem in problems] == [2, 3]
+
+
 def test_empty_table(tmp_path):
     frames, problems = read_lines(tmp_path)
     assert len(frames) == 0

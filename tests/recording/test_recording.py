@@ -63,6 +63,12 @@ def test_a_malformed_sensor_line_is_named(file, header, row, problem, folder):
         getattr(Recording.open(folder), file)
 
 
+def test_only_malformed_sensor_lines(folder):
+    (folder / "heading.csv").write_text("timestamp_s,heading_deg,sigma_deg\nx,0,\nnan,0,\n")
+    with pytest.raises(FormatError, match=r"heading.csv:2: expected a finite number, got 'x'"):
+        _ = Recording.open(folder).heading
+
+
 def test_sensor_rows_out_of_order_are_named(folder):
     (folder / "heading.csv").write_text("timestamp_s,heading_deg,sigma_deg\n2,0,\n2,1,\n1,2,\n")
     with pytest.raises(FormatError, match=r"heading.csv:4: .*not earlier than the one before"):

@@ -244,7 +244,7 @@ def _report_order(
     found: dict[int, str], times: NDArray[np.float64], latest_s: float
 ) -> list[tuple[int, str]]:
     """Add rows that are not later than all good ones before them."""
-    usable = np.array([row not in found for row in range(len(times))])
+    usable = np.array([row not in found for row in range(len(times))], dtype=bool)
     seen = np.maximum.accumulate(np.concatenate([[latest_s], np.where(usable, times, -np.inf)]))
     for row in np.flatnonzero(usable & (times <= seen[:-1])):
         found[int(row)] = (
