@@ -160,9 +160,9 @@ def test_without_egl_the_packages_are_named(monkeypatch, tmp_path):
         raise Exception("libEGL.so: cannot open shared object file")
 
     monkeypatch.setattr(moderngl, "create_context", refuse)
-    with pytest.raises(RenderingError, match=r"apt-get install libegl1 libgl1-mesa-dri"):
+    with pytest.raises(RenderingError, match=r"apt-get install libegl1 libgl1 libgl1-mesa-dri"):
         create_context()
     with pytest.raises(RenderingError, match=r"libEGL\.so"):
         simulate(tmp_path / "scene", TINY)
     assert not (tmp_path / "scene").exists()
-    assert context.DEBIAN_PACKAGES == ("libegl1", "libgl1-mesa-dri")
+    assert context.DEBIAN_PACKAGES == ("libegl1", "libgl1", "libgl1-mesa-dri")

@@ -9,7 +9,7 @@ from vioapr.errors import MissingExtraError, VioAprError
 if TYPE_CHECKING:
     import moderngl
 
-DEBIAN_PACKAGES = ("libegl1", "libgl1-mesa-dri")
+DEBIAN_PACKAGES = ("libegl1", "libgl1", "libgl1-mesa-dri")
 
 
 class RenderingError(VioAprError):

@@ -15,6 +15,7 @@ from vioapr.recording.courtyard.walks import ROUTES_M, closed_route
 PHASES = 12
 """Of a stride, for which there are meshes; one more shows a person who stands."""
 _STRIDE_M = 1.35
+_STEP_M = 0.01
 _TOO_NEAR_M = 1.1
 _SKINS = ((0.6, 0.38, 0.28), (0.3, 0.18, 0.12), (0.48, 0.3, 0.2), (0.13, 0.08, 0.055))
 _COATS = ((0.03, 0.04, 0.09), (0.35, 0.05, 0.04), (0.04, 0.04, 0.04), (0.3, 0.24, 0.12),
@@ -97,6 +98,24 @@ def _limb(
     return _Limb(bars, end)
 
 
+class _Walker(NamedTuple):
+    """One passer-by.
+
+    Attributes:
+        places_m: Places along their closed route, every `_STEP_M`, (n, 2).
+        courses_rad: Its direction there, (n,).
+        start: Row of the places at which they are at first.
+        speed_m_s: Negative for the other way round, 0 for one who stands.
+        facing_rad: Where one who stands looks.
+    """
+
+    places_m: NDArray[np.float64]
+    courses_rad: NDArray[np.float64]
+    start: int
+    speed_m_s: float
+    facing_rad: float
+
+
 class Crowd:
     """Where everybody is at a time."""
 
@@ -107,27 +126,32 @@ class Crowd:
             rng: Source of randomness.
             people: How many.
         """
-        lines = [closed_route(points) for points in ROUTES_M.values()]
+        names = list(ROUTES_M)
         self._walkers = []
         for number in range(people):
-            line, length = lines[rng.integers(len(lines))]
+            line, length = closed_route(ROUTES_M[names[rng.integers(len(names))]])
+            along = np.arange(0, length, _STEP_M)
+            forward = line(along, 1)
+            left = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
             speed = 0.0 if number % 3 == 2 else rng.uniform(0.9, 1.5) * rng.choice([-1, 1])
-            self._walkers.append((line, length, rng.uniform(0, length), speed,
-                                  rng.uniform(-0.6, 0.6), rng.uniform(0, 360)))  # fmt: skip
+            places = line(along) + rng.uniform(-0.6, 0.6) * left
+            courses = np.arctan2(forward[:, 1], forward[:, 0]) + np.pi * (speed < 0)
+            start = int(rng.integers(len(along)))
+            self._walkers.append(_Walker(places, courses, start, speed, rng.uniform(0, 2 * np.pi)))
 
     def at(self, time_s: float, camera_m: NDArray) -> list[Figure]:
         """Figures to render; who would walk through the camera is left out."""
         figures = []
-        for number, (line, length, start, speed, aside, facing) in enumerate(self._walkers):
-            along = start + speed * time_s
-            place, forward = line(along % length), line(along % length, 1) * np.sign(speed or 1.0)
-            left = np.array([-forward[1], forward[0]]) / np.linalg.norm(forward)
-            place = place + aside * left
+        for number, walker in enumerate(self._walkers):
+            row = int(walker.start + walker.speed_m_s * time_s / _STEP_M)
+            place = walker.places_m[row % len(walker.places_m)]
             if np.hypot(*(place - camera_m[:2])) < _TOO_NEAR_M:
                 continue
-            course = np.arctan2(forward[1], forward[0]) if speed else np.deg2rad(facing)
-            phase = PHASES if not speed else int(abs(along) / _STRIDE_M * PHASES) % PHASES
-            figures.append(Figure(number * (PHASES + 1) + phase, _placed(place, course)))
+            mesh, course = number * (PHASES + 1) + PHASES, walker.facing_rad
+            if walker.speed_m_s:
+                mesh += int(abs(row) * _STEP_M / _STRIDE_M * PHASES) % PHASES - PHASES
+                course = walker.courses_rad[row % len(walker.courses_rad)]
+            figures.append(Figure(mesh, _placed(place, course)))
         return figures
 
 

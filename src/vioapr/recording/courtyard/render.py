@@ -35,6 +35,7 @@ SHADOW_PX = 1280
 """Side of the map of shadows: 4 cm a pixel, so that edges are as soft as the sun's are."""
 FIGURE_MATERIAL = "cloth"
 """What people are made of."""
+_FIGURE_REACH_M = 2.5
 _BLUR_PX = 0.7
 """Least movement of the picture while the shutter is open that is worth blurring."""
 
@@ -206,20 +207,25 @@ class Renderer:
     def _draw_figures(self, values: dict[str, Any], figures: Sequence[Figure]) -> None:
         """People, and their shadows on the ground: their meshes, flattened along the rays."""
         gl, cast = self.context, self._program("CAST")
-        for mesh, world_from_model in figures:
-            drawable = self._figures[mesh]
-            program = self._scene_program(drawable)
-            _set(program, {**values, "world_from_model": matrix_bytes(world_from_model)})
-            drawable.texture.use(0)
-            drawable.array(program).render()
-        if not figures or not self._daylight.has_sun:
+        clip_from_world = np.frombuffer(values["clip_from_world"], np.float32).reshape(4, 4).T
+        figures = [figure for figure in figures if _may_be_seen(figure, clip_from_world)]
+        if not figures:
             return
+        program = self._scene_program(self._figures[0])
+        _set(program, values)
+        self._figures[0].texture.use(0)
+        for mesh, world_from_model in figures:
+            _set(program, {"world_from_model": matrix_bytes(world_from_model)})
+            self._figures[mesh].array(program).render()
+        if not self._daylight.has_sun:
+            return
+        _set(cast, values)
         gl.disable(gl.CULL_FACE)
         gl.enable(gl.BLEND)
         gl.blend_func = gl.ZERO, gl.SRC_COLOR
         for mesh, world_from_model in figures:
             # A second layer at the same depth fails the test, so that none darkens twice.
-            _set(cast, {**values, "world_from_model": matrix_bytes(world_from_model)})
+            _set(cast, {"world_from_model": matrix_bytes(world_from_model)})
             self._figures[mesh].array(cast).render()
         gl.disable(gl.BLEND)
 
@@ -316,14 +322,21 @@ class Renderer:
         return depths.reshape(size_px, size_px)
 
 
+def _may_be_seen(figure: Figure, clip_from_world: NDArray) -> bool:
+    """Whether a person or their shadow, within some metres, may be in view."""
+    x, y, _, depth_m = clip_from_world @ figure.world_from_model[:, 3]
+    return bool(depth_m > -_FIGURE_REACH_M and max(abs(x), abs(y)) < depth_m + 3 * _FIGURE_REACH_M)
+
+
 def _set(program: Any, values: dict[str, Any]) -> None:
     """Set uniforms; those that the program does not have are passed over."""
     for name, value in values.items():
-        if name not in program:
+        uniform = program.get(name, None)
+        if uniform is None:
             continue
         if isinstance(value, bytes):
-            program[name].write(value)
+            uniform.write(value)
         elif isinstance(value, np.ndarray):
-            program[name] = tuple(float(v) for v in value)
+            uniform.value = tuple(value.tolist())
         else:
-            program[name] = value
+            uniform.value = value

@@ -302,7 +302,7 @@ def _record_all(
     context = multiprocessing.get_context("spawn")
     frames_done = context.Value("q", 0)
     shown = 0
-    with _few_threads(count), ProcessPoolExecutor(
+    with few_threads(count), ProcessPoolExecutor(
         count, context, _start_worker, (scene, place, params, seed, frames_done)
     ) as pool:  # fmt: skip
         pending: set[Future[str | None]] = {pool.submit(_work, plan) for plan in plans}
@@ -318,7 +318,7 @@ def _record_all(
 
 
 @contextmanager
-def _few_threads(workers: int) -> Iterator[None]:
+def few_threads(workers: int) -> Iterator[None]:
     """Let every process of Mesa's renderer use its share of the cores, no more."""
     name, threads = "LP_NUM_THREADS", max((os.cpu_count() or 1) // workers - 1, 0)
     before = os.environ.get(name)
