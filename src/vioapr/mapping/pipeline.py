@@ -19,6 +19,7 @@ from vioapr.mapping.isolation import run_isolated
 from vioapr.mapping.matching import MIN_INLIERS, count_inliers, find_islands, match_pairs
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.placing import place_model, poses_of_model
+from vioapr.mapping.pruning import prune_pairs
 from vioapr.mapping.publishing import publish
 from vioapr.mapping.reconstruct import reconstruct
 from vioapr.mapping.registration import Registered, pairs_by_vio, register_images
@@ -91,6 +92,7 @@ class _Mapping:
             [p.sequential, p.spatial, p.loops, p.seed],
             lambda resumed: self._match(broken, resumed),
         )
+        counts |= self.steps.run("pruning", [], lambda _: self._prune(broken))
         self._check_islands(counts["islands"])
         models = self.steps.run(
             "model", [p.mapper, p.refine_intrinsics], lambda _: self._reconstruct(broken)
@@ -125,14 +127,25 @@ class _Mapping:
             raise MappingError(f"expected at least 3 training images, got {len(rows)}")
         vectors = self._describe(np.arange(len(self.images)), broken)
         np.save(self.steps.folder / LIKENESS_FILE, vectors)
-        likeness = vectors[rows] @ vectors[rows].T
-        chosen = pairs.training_pairs(self.images, rows, likeness, self.params)
+        chosen = self._training_pairs(rows)
         with self.progress("matching images", len(chosen)) as tick:
             run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
+        return {"pairs": len(chosen)}
+
+    def _training_pairs(self, rows: NDArray[np.intp]) -> pairs.Pairs:
+        vectors = np.load(self.steps.folder / LIKENESS_FILE)
+        likeness = vectors[rows] @ vectors[rows].T
+        return pairs.training_pairs(self.images, rows, likeness, self.params)
+
+    def _prune(self, broken: dict[str, str]) -> dict[str, Any]:
+        """Take out what VIO contradicts; then see which recordings are connected."""
+        chosen = self._training_pairs(self._usable(self.train, broken))
+        with self.progress("checking matches by VIO", len(chosen)) as tick:
+            pruned = run_isolated(prune_pairs, self.database, self.images, chosen, tick=tick)
         inliers = count_inliers(self.database, self.images, chosen)
         islands = find_islands(self.images, chosen, inliers, self.train)
         good = int((inliers >= MIN_INLIERS).sum())
-        return {"pairs": len(chosen), "good_pairs": good, "islands": islands}
+        return {"good_pairs": good, "pruned_pairs": pruned, "islands": islands}
 
     def _describe(self, rows: NDArray[np.intp], broken: dict[str, str]) -> NDArray[np.float32]:
         """A vector of looks for every image; zeros for broken ones."""
@@ -222,5 +235,6 @@ class _Mapping:
     def _register_by(self, chosen: pairs.Pairs, model: Any, what: str) -> list[Registered]:
         with self.progress(f"matching {what}", len(chosen)) as tick:
             run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
+            run_isolated(prune_pairs, self.database, self.images, chosen, tick=int)
         with self.progress(f"registering {what}", len(np.unique(chosen[:, 0]))) as tick:
             return register_images(self.database, model, self.images, chosen, self.params, tick)

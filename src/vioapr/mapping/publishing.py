@@ -20,6 +20,7 @@ from vioapr.mapping.consistency import find_breaks, find_misplaced
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.placing import poses_of_model
+from vioapr.mapping.pruning import MAX_TILT_DEG, tilt_deg
 from vioapr.mapping.registration import Registered
 from vioapr.mapping.steps import Steps, write_atomically
 from vioapr.recording.scene import GeodeticOrigin, Scene, World
@@ -120,6 +121,10 @@ def _describe(
     breaks = find_breaks(
         poses.at(is_own), images.vio_from_cam.at(own), images.tracking_world[own], times
     )
+    is_misplaced = np.zeros(len(own), dtype=bool)
+    is_misplaced[find_misplaced(breaks)] = True
+    # Images without VIO have NaN here, which is not larger.
+    is_misplaced |= (tilt_deg(images, own, poses.at(is_own)) > MAX_TILT_DEG) & images.is_level[own]
     broken = {**images.unusable, **facts["broken"]}
     missing = sorted(set(images.rows_of(id_).tolist()) - set(own.tolist()))
     tests = [content for content in found if content["row"] in own]
@@ -130,7 +135,7 @@ def _describe(
         "registered": len(own),
         "unregistered": [images.names[k] for k in missing if images.names[k] not in broken],
         "unusable": {n: why for n, why in broken.items() if n.startswith(f"{id_}/")},
-        "misplaced": [images.names[k] for k in own[find_misplaced(breaks)]],
+        "misplaced": [images.names[k] for k in own[is_misplaced]],
         "parts_from_vio_at_s": times[1:][breaks].tolist(),
         "median_inliers": float(np.median([c["inliers"] for c in tests])) if tests else None,
         "median_error_px": float(np.median(error)) if error else None,

@@ -17,6 +17,7 @@ from vioapr.mapping.features import image_ids
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.pairs import Pairs, query_pairs, view_cost, viewing_directions
 from vioapr.mapping.params import MappingParams
+from vioapr.mapping.pruning import MAX_TILT_DEG, tilt_deg
 from vioapr.mapping.reconstruct import registered_images
 
 MAX_ERROR_PX = 6.0
@@ -90,7 +91,7 @@ def register_images(
             ]
             camera = _camera(database, model, ids[name])
             pose = _solve(database, model, ids[name], matches, camera, params)
-            if pose is not None:
+            if pose is not None and not _is_tilted(images, int(row), pose[0]):
                 found.append(Registered(int(row), *pose))
             tick()
     return found
@@ -143,6 +144,13 @@ def _points_of(image: Any) -> NDArray[np.int64]:
     return np.array(
         [p.point3D_id if p.has_point3D() else -1 for p in image.points2D], dtype=np.int64
     )
+
+
+def _is_tilted(images: MapImages, row: int, world_from_cam: Rigid3) -> bool:
+    """Whether VIO's gravity rules the pose out: a place that looks alike."""
+    if not (images.has_vio[row] and images.is_level[row]):
+        return False
+    return bool(tilt_deg(images, np.array([row]), world_from_cam.at(None))[0] > MAX_TILT_DEG)
 
 
 def _matches(
