@@ -27,13 +27,9 @@ from vioapr.recording.courtyard import world
 from vioapr.recording.courtyard.context import describe
 from vioapr.recording.courtyard.people import Crowd
 from vioapr.recording.courtyard.photography import Photographer
-from vioapr.recording.courtyard.simulate import (
-    CourtyardParams,
-    few_threads,
-    make_renderer,
-    plan_motion,
-    plan_recordings,
-)
+from vioapr.recording.courtyard.plan import CourtyardParams, plan_motion, plan_recordings
+from vioapr.recording.courtyard.record import make_renderer
+from vioapr.recording.courtyard.simulate import few_threads
 from vioapr.recording.courtyard.weather import WEATHERS
 
 CASES = ((256, 192, False), (256, 192, True), (480, 360, False))

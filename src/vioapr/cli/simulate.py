@@ -15,13 +15,9 @@ from vioapr.evaluation.figures.scene_preview import (
     route_map,
     save_photo_figure,
 )
-from vioapr.recording.courtyard.simulate import (
-    FROM_ABOVE,
-    FROM_ABOVE_WIDTH_M,
-    PRESETS,
-    plan_recordings,
-    simulate,
-)
+from vioapr.recording.courtyard.plan import PRESETS, plan_recordings
+from vioapr.recording.courtyard.record import FROM_ABOVE, FROM_ABOVE_WIDTH_M
+from vioapr.recording.courtyard.simulate import simulate
 
 
 def simulate_courtyard(

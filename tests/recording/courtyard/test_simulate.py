@@ -11,12 +11,8 @@ from vioapr.geometry.umeyama import align_umeyama
 from vioapr.recording.check import check_scene
 from vioapr.recording.courtyard import context
 from vioapr.recording.courtyard.context import RenderingError, create_context
-from vioapr.recording.courtyard.simulate import (
-    PRESETS,
-    CourtyardParams,
-    plan_recordings,
-    simulate,
-)
+from vioapr.recording.courtyard.plan import PRESETS, CourtyardParams, plan_recordings
+from vioapr.recording.courtyard.simulate import simulate
 from vioapr.recording.frames import Tracking
 from vioapr.recording.scene import Scene
 
@@ -115,6 +111,7 @@ def test_a_scene_that_exists_is_kept(scene):
     assert files_of(scene.folder) == before
 
 
+@pytest.mark.slow
 def test_errors_of_workers_arrive(rendering, tmp_path):
     (tmp_path / "scene" / "recordings").mkdir(parents=True)
     (tmp_path / "scene" / "recordings" / "train-02").touch()
