@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import struct
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ JPEG_QUALITY = 92
 """Of images that are given as arrays; few features are lost and a frame stays small."""
 
 _PNG_MAGIC, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_SHORT, _TWO_SHORTS = struct.Struct(">H"), struct.Struct(">HH")
 _JPEG_MAGIC = b"\xff\xd8"
 _HEAD_BYTES, _LONG_HEAD_BYTES, _TAIL_BYTES = 4096, 1 << 18, 64
 # Start-of-frame markers: C0 to CF but the tables DHT, JPG and DAC.
@@ -102,10 +104,10 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
         if marker == 0xFF:
             at += 1  # fill bytes are allowed between segments
         elif marker in _JPEG_FRAMES:
-            height, width = (int.from_bytes(head[i : i + 2], "big") for i in (at + 5, at + 7))
+            height, width = _TWO_SHORTS.unpack_from(head, at + 5)
             return width, height
         else:
-            at += 2 + int.from_bytes(head[at + 2 : at + 4], "big")
+            at += 2 + _SHORT.unpack_from(head, at + 2)[0]
     return 0, 0
 
 
@@ -145,7 +147,7 @@ def encode_image(name: str, pixels: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def copy_image(source: Path, target: Path | str, *, link: bool) -> None:
+def copy_image(source: Path | str, target: Path | str, *, link: bool) -> None:
     """Copy an image, or hard-link it where that is asked for and possible.
 
     Raises:
@@ -158,7 +160,7 @@ def copy_image(source: Path, target: Path | str, *, link: bool) -> None:
         except OSError:
             pass  # another file system, or one without links
     try:
-        write_image(target, source.read_bytes())
+        write_image(target, Path(source).read_bytes())
     except FileNotFoundError:
         raise FormatError(source, "expected an image, found no file of this name") from None
     except OSError as error:

@@ -48,11 +48,11 @@ class RecordingWriter:
         """
         self.folder = Path(folder)
         self._link = link_images
-        self._images = self.folder / IMAGES_FOLDER
+        self._images = str(self.folder / IMAGES_FOLDER)
         self._tables: dict[str, AppendTable] = {}
         self._latest_s: dict[str, float] = {}
         try:
-            self._images.mkdir(parents=True, exist_ok=True)
+            (self.folder / IMAGES_FOLDER).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FormatError(self.folder, f"cannot be written: {error.strerror}") from None
         self._table(FRAMES_FILE, HEADER)
@@ -138,14 +138,14 @@ class RecordingWriter:
         self._tables[FRAMES_FILE].append("\n".join(_lines(frames)))
         self._latest_s[FRAMES_FILE] = float(times[-1])
 
-    def write_image(self, name: str, image: bytes | NDArray[np.uint8] | Path) -> None:
+    def write_image(self, name: str, image: bytes | NDArray[np.uint8] | Path | str) -> None:
         """Write an image; see `add_frame`, which does so itself.
 
         Raises:
             FormatError: It cannot be written, or there is one of this name.
         """
         path = f"{self._images}/{name}"
-        if isinstance(image, Path):
+        if isinstance(image, Path | str):
             copy_image(image, path, link=self._link)
         else:
             write_image(path, image if isinstance(image, bytes) else encode_image(name, image))

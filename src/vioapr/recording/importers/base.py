@@ -22,7 +22,9 @@ from vioapr.recording.scene import World
 from vioapr.recording.sensors import Gnss, Heading, Imu
 from vioapr.trajectory import Trajectory
 
-Image = Path | bytes | NDArray[np.uint8] | None
+Image = Path | str | bytes | NDArray[np.uint8] | None
+"""A path, encoded bytes, pixels, or nothing; of very many, paths are faster as text."""
+
 Split = Literal["train", "test", "none"]
 Place = Literal["outdoor", "indoor"]
 
@@ -197,7 +199,7 @@ def list_image_names(folder: Path) -> list[str]:
 
 def flat_names(paths: Sequence[str]) -> list[str]:
     """Names for one folder out of paths: the last part, or all of it where that comes twice."""
-    last = [re.split(r"[/\\]", path)[-1] for path in paths]
+    last = [path.replace("\\", "/").rpartition("/")[2] for path in paths]
     if len(set(last)) == len(last):
         return [_clean(name) for name in last]
     return [_clean(re.sub(r"[/\\]+", "_", path.strip("./\\"))) for path in paths]

@@ -63,7 +63,7 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
         source=source,
         timestamp_s=times,
         image_names=flat_names(names),
-        images=(source / name for name in names),
+        images=(f"{source}/{name}" for name in names),
         vio_from_cam=no_poses(len(names)),
         tracking=tracking_of(no_poses(len(names))),
     )

@@ -20,7 +20,7 @@ from vioapr.recording.scene import SCENE_FILE, Scene
 from vioapr.recording.writer import RecordingWriter
 
 _MAX_NAMED = 3
-_BLOCK_FRAMES = 128
+_BLOCK_FRAMES = 256
 _DIVERGING = "the tracker is diverging"
 
 
@@ -134,7 +134,7 @@ def _write_images(
 ) -> tuple[list[str], list[tuple[int, int] | None]]:
     """Write the next images; names ("" for what is missing or broken) and sizes."""
     names, sizes = [], []
-    for row in rows:
+    for row in rows.tolist():
         # A source may end early, as a video that was cut off.
         name, image = str(walk.image_names[row]), next(images, None)
         image, size, problem = _look_at(image if name else None, link=link)
@@ -156,12 +156,12 @@ def _look_at(image: Image, *, link: bool) -> tuple[Image, tuple[int, int] | None
         return None, None, None
     if isinstance(image, np.ndarray):
         return image, (image.shape[1], image.shape[0]), None
-    if isinstance(image, Path) and link:
+    if isinstance(image, Path | str) and link:
         probe = probe_image(image)
     else:
-        if isinstance(image, Path):
+        if isinstance(image, Path | str):
             try:
-                image = image.read_bytes()
+                image = Path(image).read_bytes()
             except FileNotFoundError:
                 return None, None, "no file of this name"
             except OSError as error:
