@@ -16,6 +16,9 @@ from vioapr.recording.courtyard.mesh import Mesh, box, join, patch
 from vioapr.recording.courtyard.noise import Field, coordinates_m, fractal, mix, step
 from vioapr.recording.courtyard.openings import Opening
 
+_LENT_M = 0.6
+"""Width of plain wall beside every opening, with which its reveals are covered."""
+
 
 @dataclass(frozen=True, eq=False)
 class Facade:
@@ -168,7 +171,7 @@ def _is_open(openings: list[Opening], x: float, z: float) -> bool:
 def _opening_mesh(rng: np.random.Generator, o: Opening) -> Mesh:
     """Pane, reveals and, if its head is round, the wall above the arch."""
     x0, x1, z0, z1 = o.left_m, o.left_m + o.width_m, o.bottom_m, o.bottom_m + o.height_m
-    deep, is_glass = o.depth_m, o.kind in ("window", "shop")
+    deep, lent, is_glass = o.depth_m, min(o.depth_m, _LENT_M), o.kind in ("window", "shop")
     glow = float(rng.uniform(0.5, 1.2)) if is_glass and rng.random() < 0.35 else 0.0
     pane = patch(
         (x0, deep, z0), (x1 - x0, 0, 0), (0, 0, z1 - z0), uv_m=(x0, z0),
@@ -176,16 +179,28 @@ def _opening_mesh(rng: np.random.Generator, o: Opening) -> Mesh:
     )  # fmt: skip
     parts = [
         pane,
-        patch((x0, 0, z0), (0, deep, 0), (0, 0, z1 - z0), uv_m=(x0 - deep, z0)),
-        patch((x1, deep, z0), (0, -deep, 0), (0, 0, z1 - z0), uv_m=(x1, z0)),
+        _lent(patch((x0, 0, z0), (0, deep, 0), (0, 0, z1 - z0), uv_m=(0, z0)), 0, x0 - lent, x0),
+        _lent(
+            patch((x1, deep, z0), (0, -deep, 0), (0, 0, z1 - z0), uv_m=(0, z0)), 0, x1, x1 + lent
+        ),
     ]
     if z0 > 0.05:
-        parts.append(patch((x0, 0, z0), (x1 - x0, 0, 0), (0, deep, 0), uv_m=(x0, z0 - deep)))
+        sill = patch((x0, 0, z0), (x1 - x0, 0, 0), (0, deep, 0), uv_m=(x0, 0))
+        parts.append(_lent(sill, 1, z0 - lent, z0))
     if o.arched:
         parts += _arch(o)
     else:
-        parts.append(patch((x0, deep, z1), (x1 - x0, 0, 0), (0, -deep, 0), uv_m=(x0, z1)))
+        head = patch((x0, deep, z1), (x1 - x0, 0, 0), (0, -deep, 0), uv_m=(x0, 0))
+        parts.append(_lent(head, 1, z1, z1 + lent))
     return join(parts)
+
+
+def _lent(mesh: Mesh, axis: int, start_m: float, end_m: float) -> Mesh:
+    """A mesh that takes its picture from a strip of the wall, stretched along one axis."""
+    uv = mesh.uv_m.copy()
+    low, high = uv[:, axis].min(), uv[:, axis].max()
+    uv[:, axis] = start_m + (end_m - start_m) * (uv[:, axis] - low) / (high - low)
+    return replace(mesh, uv_m=uv)
 
 
 def _arch(o: Opening, pieces: int = 12) -> list[Mesh]:
@@ -199,14 +214,9 @@ def _arch(o: Opening, pieces: int = 12) -> list[Mesh]:
         width = x[i + 1] - x[i]
         corners = [(x[i], 0, z[i]), (x[i + 1], 0, z[i + 1]), (x[i + 1], 0, top), (x[i], 0, top)]
         # The picture has the opening's pane here: the wall above it lends its texture.
-        uv = [(c[0], c[2] + radius) for c in corners]
+        uv = [(c[0], top + _LENT_M * (1 - (top - c[2]) / radius)) for c in corners]
         parts.append(Mesh.build(corners, (0, -1, 0), uv, [[0, 1, 2], [0, 2, 3]]))
-        parts.append(
-            patch(
-                (x[i], o.depth_m, z[i]),
-                (width, 0, z[i + 1] - z[i]),
-                (0, -o.depth_m, 0),
-                uv_m=(x[i], top),
-            )
-        )
+        rise = (width, 0, z[i + 1] - z[i])
+        soffit = patch((x[i], o.depth_m, z[i]), rise, (0, -o.depth_m, 0), uv_m=(x[i], 0))
+        parts.append(_lent(soffit, 1, top, top + _LENT_M))
     return parts

@@ -53,11 +53,11 @@ def _person(look: _Look, swing: float | None) -> Mesh:
     hip, shoulder = 0.9, 1.41
     coat = [(0.14, hip - 0.14), (0.15, hip), (0.13, 1.1), (0.155, 1.3), (0.12, 1.44), (0.05, 1.49)]
     face = [(0.05, 1.46), (0.055, 1.53), (0.085, 1.58), (0.095, 1.67), (0.08, 1.74), (0.0, 1.77)]
-    hair = [(0.1, 1.64), (0.108, 1.7), (0.09, 1.77), (0.0, 1.8)]
+    hair = [(0.08, 1.55), (0.1, 1.62), (0.108, 1.7), (0.09, 1.77), (0.0, 1.8)]
     parts = [
         lathe(coat, sides=10, flatten=1.5, tint=look.coat),
         lathe(face, sides=8, centre_m=(0.02, 0, 0), tint=look.skin),
-        lathe(hair, sides=8, centre_m=(-0.01, 0, 0), tint=look.hair),
+        lathe(hair, sides=8, centre_m=(-0.028, 0, 0), tint=look.hair),
     ]
     for side, swung in ((1, reach), (-1, -reach)):
         leg = _limb((0, 0.09 * side, hip), swung, 0.43, (0.08, 0.055), 0.35 * max(-swung, 0))
