@@ -93,10 +93,11 @@ def test_the_report_shows_it(mapped_room, copy_of):
 def test_nothing_finished_is_done_again(mapped_room, copy_of):
     scene = copy_of(mapped_room[0])
     again = map_scene(scene, QUICK)
-    assert again["reused_steps"] == ["features", "matches", "model", "world", "test"]
+    steps = ["features", "matches", "pruning", "model", "world", "test"]
+    assert again["reused_steps"] == steps
     assert again["model"] == mapped_room[1]["model"]
     other = map_scene(scene, MappingParams(**{**vars(QUICK), "mapper": "global"}))
-    assert other["reused_steps"] == ["features", "matches"]
+    assert other["reused_steps"] == ["features", "matches", "pruning"]
     assert other["recordings"]["a"]["registered"] == 8
 
 
@@ -106,7 +107,7 @@ def test_nothing_finished_is_done_again(mapped_room, copy_of):
     [
         ("finding features", 5, []),
         ("matching images", 5, ["features"]),
-        ("mapping (incremental)", 3, ["features", "matches"]),
+        ("mapping (incremental)", 3, ["features", "matches", "pruning"]),
     ],
 )
 def test_a_killed_run_resumes(room, copy_of, title, count, reused):
