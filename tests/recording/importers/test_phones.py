@@ -110,6 +110,13 @@ def test_stray_broken_matrix(stray_folder):
         read_walks(STRAY, stray_folder)
 
 
+def test_stray_broken_frame_number(stray_folder):
+    path = stray_folder / "odometry.csv"
+    path.write_text(path.read_text().replace(", 000003,", ", nan,"))
+    with pytest.raises(FormatError, match=r"odometry.csv:5: expected a frame number, got 'nan'"):
+        read_walks(STRAY, stray_folder)
+
+
 def test_no_stray_folder(tmp_path):
     with pytest.raises(FormatError, match=r"odometry.csv: expected a file, found none"):
         read_walks(STRAY, tmp_path)

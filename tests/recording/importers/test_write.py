@@ -96,6 +96,16 @@ def test_intrinsics_of_another_size_are_reported(scene, tmp_path):
     assert "they are of images of 640x480, and the images are 16x12" in warning
 
 
+def test_intrinsics_that_cannot_be_are_left_out(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "camera_matrix.csv").write_text("0, 0, 8\n0, 21, 6\n0, 0, 1")
+    walk, write = import_stray(scene, source)
+    frames = write().recording("scan").frames
+    assert np.isnan(frames.intrinsics.fx).all()
+    assert (frames.intrinsics.width == 16).all()
+    assert "intrinsics: those of 20 frames are left out" in texts(walk, warnings=True)
+
+
 def test_a_diverging_tracker_is_left_out_of_the_splits(scene, tmp_path):
     (walk,) = read_walks(STRAY, make_stray(tmp_path / "scan", 200))
     walk.vio_from_cam.translation_m[:] *= 30

@@ -86,16 +86,14 @@ def _read_cameras(path: Path, content: dict[str, Any], frames: list[dict[str, An
     """Of every frame, else of the file, else not known."""
     rows = []
     for entry, frame in enumerate(frames, start=1):
-        values = {**{key: content.get(key) for key in _KEYS}, **frame}
-        values.setdefault("fl_y", values.get("fl_x"))
-        if values.get("fl_x") is None and values.get("camera_angle_x") and values.get("w"):
-            values["fl_x"] = values["w"] / (2 * np.tan(values["camera_angle_x"] / 2))
-        if values.get("fl_y") is None:
-            values["fl_y"] = values.get("fl_x")
-        numbers = [values.get(key) for key in _KEYS[:6]]
-        known = [number for number in numbers if number is not None]
-        as_numbers(path, known, (len(known),), "intrinsics", entry)
-        rows.append([np.nan if number is None else float(number) for number in numbers])
+        given = {key: frame.get(key, content.get(key)) for key in _KEYS}
+        known = {key: value for key, value in given.items() if value is not None}
+        numbers = as_numbers(path, list(known.values()), (len(known),), "intrinsics", entry)
+        camera = dict(zip(known, numbers.tolist(), strict=True))
+        if "fl_x" not in camera and {"w", "camera_angle_x"} <= camera.keys():
+            camera["fl_x"] = camera["w"] / (2 * np.tan(camera["camera_angle_x"] / 2))
+        camera.setdefault("fl_y", camera.get("fl_x", np.nan))
+        rows.append([camera.get(key, np.nan) for key in _KEYS[:6]])
     table = np.array(rows)
     # A camera that is known in part cannot be used.
     table[np.isnan(table[:, 2:]).any(axis=1), 2:] = np.nan

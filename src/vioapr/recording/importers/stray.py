@@ -16,7 +16,7 @@ from vioapr.errors import FormatError
 from vioapr.formats import stray
 from vioapr.formats.base import ReadOptions, read_text
 from vioapr.formats.headed import POSE_COLUMNS
-from vioapr.formats.table import parse_rows, read_headed_csv
+from vioapr.formats.table import Rows, parse_rows, read_headed_csv
 from vioapr.recording.frames import Intrinsics
 from vioapr.recording.importers.base import (
     Image,
@@ -79,9 +79,9 @@ def _read_columns(source: Path) -> tuple[NDArray[np.int64], Intrinsics]:
     try:
         rows = read_headed_csv(odometry, ("frame", "fx", "fy", "cx", "cy", *POSE_COLUMNS))
         values = rows.numbers(slice(0, 5))
-        return values[:, 0].astype(np.int64), Intrinsics(np.nan, np.nan, *values[:, 1:].T)
+        return _frame_numbers(rows), Intrinsics(np.nan, np.nan, *values[:, 1:].T)
     except FormatError:
-        numbers = read_headed_csv(odometry, ("frame",)).numbers([0])[:, 0].astype(np.int64)
+        numbers = _frame_numbers(read_headed_csv(odometry, ("frame",)))
     matrix = source / _MATRIX
     if not matrix.exists():
         return numbers, Intrinsics()
@@ -90,6 +90,14 @@ def _read_columns(source: Path) -> tuple[NDArray[np.int64], Intrinsics]:
     if k.shape != (3, 3):
         raise FormatError(matrix, f"expected a 3x3 matrix, got {len(rows)} rows")
     return numbers, Intrinsics(np.nan, np.nan, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+
+
+def _frame_numbers(rows: Rows) -> NDArray[np.int64]:
+    """The first column, whole numbers."""
+    for field, line in zip(rows.column(0), rows.lines, strict=True):
+        if not field.isdecimal() or len(field) > 15:
+            raise FormatError(rows.path, f"expected a frame number, got {field[:40]!r}", line)
+    return np.array([int(field) for field in rows.column(0)])
 
 
 def _find_images(

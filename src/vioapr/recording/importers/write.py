@@ -107,6 +107,7 @@ def _write_recording(
     broken: list[str] = []
     sizes: Counter[tuple[int, int]] = Counter()
     images = iter(walk.images)
+    _drop_odd_intrinsics(walk)
     with RecordingWriter(folder, walk.info, link_images=link) as writer:
         for start in range(0, len(walk), _BLOCK_FRAMES):
             rows = np.arange(start, min(start + _BLOCK_FRAMES, len(walk)))
@@ -189,6 +190,22 @@ def _frames(
         Intrinsics(*columns),
         rows,
     )
+
+
+def _drop_odd_intrinsics(walk: Walk) -> None:
+    """Cameras that cannot be are rather not known."""
+    table = np.array([np.broadcast_to(column, len(walk)) for column in walk.intrinsics])
+    size, pinhole = table[:2], table[2:]
+    with np.errstate(invalid="ignore"):
+        is_odd_size = ~((size >= 1) & (size == np.round(size))).all(axis=0)
+        is_odd = ~(np.isfinite(pinhole).all(axis=0) & (pinhole[:2] > 0).all(axis=0))
+    said = np.isfinite(size).any(axis=0) & is_odd_size, np.isfinite(pinhole).any(axis=0) & is_odd
+    count = int((said[0] | said[1]).sum())
+    if count:
+        walk.warn(f"intrinsics: those of {count} frames are left out: sizes must be whole, focal "
+                  "lengths above 0")  # fmt: skip
+        table[:2, is_odd_size], table[2:, is_odd] = np.nan, np.nan
+        walk.intrinsics = Intrinsics(*table)
 
 
 def _judge_images(walk: Walk, broken: list[str], sizes: Counter[tuple[int, int]]) -> None:
