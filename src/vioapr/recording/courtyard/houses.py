@@ -10,8 +10,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
 from vioapr.recording.courtyard import facades, materials, posters
 from vioapr.recording.courtyard.furniture import IRON, flipped
@@ -279,8 +277,3 @@ def _graffiti(rng: np.random.Generator, wall: Field, px_per_m: float, count: int
         top = len(wall) - round(rng.uniform(0.7, 1.6) * px_per_m) - size[1] // 2
         region = wall[top : top + size[1], left : left + size[0]]
         region[:] = mix(region, rng.uniform(0, 0.8, 3), cover[: len(region)])
-
-
-def resized(picture: NDArray, size_px: tuple[int, int]) -> NDArray:
-    """A byte picture at another size, width and height in pixels."""
-    return np.asarray(Image.fromarray(picture).resize(size_px, Image.Resampling.LANCZOS))

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from vioapr.formats.base import write_bytes
 from vioapr.geometry.rigid import Rigid3
 from vioapr.recording.courtyard import devices, world
 from vioapr.recording.courtyard.people import Crowd, figure_meshes
@@ -17,6 +17,7 @@ from vioapr.recording.courtyard.render import Renderer, Shot
 from vioapr.recording.courtyard.walks import Motion
 from vioapr.recording.courtyard.weather import WEATHERS
 from vioapr.recording.frames import Intrinsics, Tracking
+from vioapr.recording.images import encode_image
 from vioapr.recording.info import RecordingInfo
 from vioapr.recording.scene import Scene
 from vioapr.recording.writer import RecordingWriter
@@ -71,7 +72,8 @@ def record(
         _write_instruments(writer, rng, motion, params.duration_s)
     scene.write_gt(plan.id_, Trajectory.from_arrays(times, *world_from_cam))
     if plan.number == 0:
-        Image.fromarray(view_from_above(renderer)).save(scene.folder / FROM_ABOVE, quality=90)
+        picture = encode_image(FROM_ABOVE, view_from_above(renderer))
+        write_bytes(scene.folder / FROM_ABOVE, picture)
 
 
 def view_from_above(renderer: Renderer) -> NDArray[np.uint8]:

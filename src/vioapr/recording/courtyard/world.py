@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from vioapr.recording.courtyard import furniture, houses, materials, plants, posters
 from vioapr.recording.courtyard.furniture import place
@@ -280,8 +279,3 @@ def _pots(rng: np.random.Generator) -> Parts:
         bed = plants.flowers(rng, (x - 0.3, y - 0.3, height), (x + 0.3, y + 0.3, height + 0.35), 16)
         parts.append(("leaves", bed))
     return parts
-
-
-def picture_of(material: Material) -> Image.Image:
-    """A material's picture, to look at."""
-    return Image.fromarray(material.pixels)
