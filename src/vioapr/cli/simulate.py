@@ -9,15 +9,6 @@ from typing import Annotated, Literal
 import tyro
 
 from vioapr.cli.console import console, progress
-from vioapr.evaluation.figures.scene_preview import (
-    Background,
-    contact_sheet,
-    route_map,
-    save_photo_figure,
-)
-from vioapr.recording.courtyard.plan import PRESETS, plan_recordings
-from vioapr.recording.courtyard.record import FROM_ABOVE, FROM_ABOVE_WIDTH_M
-from vioapr.recording.courtyard.simulate import simulate
 
 
 def simulate_courtyard(
@@ -53,6 +44,17 @@ def simulate_courtyard(
         people: Passers-by.
         workers: Processes that render; by default one a core. They do not change the result.
     """
+    # Imported here: other commands should not wait for what only this one needs.
+    from vioapr.evaluation.figures.scene_preview import (
+        Background,
+        contact_sheet,
+        route_map,
+        save_photo_figure,
+    )
+    from vioapr.recording.courtyard.plan import PRESETS, plan_recordings
+    from vioapr.recording.courtyard.record import FROM_ABOVE, FROM_ABOVE_WIDTH_M
+    from vioapr.recording.courtyard.simulate import simulate
+
     given = {
         "train": train, "test": test, "duration_s": duration_s, "rate_hz": rate_hz,
         "width_px": width_px, "height_px": height_px, "people": people,
