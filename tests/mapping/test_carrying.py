@@ -4,7 +4,7 @@ from helpers import random_rigid
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.carrying import carry_by_vio
-from vioapr.mapping.consistency import find_breaks, find_misplaced
+from vioapr.mapping.consistency import find_breaks, find_misplaced, with_bad_worlds
 from vioapr.recording.frames import Frames, Intrinsics, Tracking
 
 NO_CAMERA = Intrinsics(*(np.full(20, np.nan) for _ in range(6)))
@@ -72,3 +72,10 @@ def test_breaks_and_lone_images():
     assert find_misplaced(breaks[:0]).tolist() == []
     missing = Rigid3(np.full((20, 3), np.nan), vio.quat_xyzw)
     assert not find_breaks(world, missing, same, times).any()
+
+
+def test_a_world_with_many_misplaced_images_is_not_trusted():
+    world = np.repeat([0, 1], 10)
+    is_misplaced = np.isin(np.arange(20), [0, 3, 5, 12])
+    found = with_bad_worlds(is_misplaced, world)
+    assert np.flatnonzero(found).tolist() == [*range(10), 12]

@@ -49,6 +49,15 @@ def test_an_interrupted_step_is_resumed(tmp_path):
     assert log[-1] == ("a", False)  # what was left is of other inputs
 
 
+def test_what_follows_a_repeated_step_is_repeated(tmp_path):
+    log = []
+    run(tmp_path, {"a": 1, "b": 2}, log)
+    (tmp_path / "a.step.json").unlink()
+    log.clear()
+    run(tmp_path, {"a": 1, "b": 2}, log)
+    assert log == [("a", False), ("b", False)]
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"key": 1}'])
 def test_a_broken_marker_is_as_none(tmp_path, content):
     log = []

@@ -14,6 +14,9 @@ MAX_STEP_S = 5.0
 BREAK_M, BREAK_SHARE, BREAK_DEG = 0.3, 0.2, 5.0
 """Two motions differ if their lengths do by more than this and this share, or their angles do."""
 
+MAX_MISPLACED_SHARE = 0.2
+"""Of a tracking world; if more of its images are misplaced, none of them is trusted."""
+
 
 def find_breaks(
     world_from_cam: Rigid3,
@@ -51,3 +54,19 @@ def find_misplaced(breaks: NDArray[np.bool_]) -> NDArray[np.intp]:
     the tracker, so images beside one are not suspected.
     """
     return np.flatnonzero(breaks[:-1] & breaks[1:]) + 1
+
+
+def with_bad_worlds(
+    is_misplaced: NDArray[np.bool_], tracking_world: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """All images of tracking worlds of which many are misplaced, and the misplaced ones.
+
+    Where a part of a walk is folded onto a place that looks alike, single images of it may agree
+    with VIO by chance.
+    """
+    result = is_misplaced.copy()
+    for world in np.unique(tracking_world):
+        members = tracking_world == world
+        if is_misplaced[members].mean() > MAX_MISPLACED_SHARE:
+            result |= members
+    return result

@@ -16,7 +16,7 @@ from vioapr.errors import FormatError
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.carrying import carry_by_vio
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
-from vioapr.mapping.consistency import find_breaks, find_misplaced
+from vioapr.mapping.consistency import find_breaks, find_misplaced, with_bad_worlds
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.placing import poses_of_model
@@ -125,6 +125,7 @@ def _describe(
     is_misplaced[find_misplaced(breaks)] = True
     # Images without VIO have NaN here, which is not larger.
     is_misplaced |= (tilt_deg(images, own, poses.at(is_own)) > MAX_TILT_DEG) & images.is_level[own]
+    is_misplaced = with_bad_worlds(is_misplaced, images.tracking_world[own])
     broken = {**images.unusable, **facts["broken"]}
     missing = sorted(set(images.rows_of(id_).tolist()) - set(own.tolist()))
     tests = [content for content in found if content["row"] in own]

@@ -85,15 +85,12 @@ def _run_incremental(
     options.min_model_size = MIN_MODEL_IMAGES
     options.max_num_models = MAX_MODELS
     options.init_num_trials = INIT_TRIALS
-    # Placing images by two-view geometries alone, where too few points are known, folded the
-    # courtyard's facades onto each other (docs/mapping.md).
+    # Placing images by two-view geometries alone, where too few points are known, and adjusting
+    # the whole model less often than COLMAP does folded the courtyard (docs/mapping.md).
     options.structure_less_registration_fallback = False
     options.ba_refine_focal_length = options.ba_refine_extra_params = refines
     options.mapper.abs_pose_refine_focal_length = refines
     options.mapper.abs_pose_refine_extra_params = refines
-    # Adjusting everything after every 10 % of new images costs half the time; 25 % measured
-    # as accurate (docs/mapping.md). All is adjusted again at the end.
-    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.25
     return pycolmap.incremental_mapping(
         database, image_folder, scratch, options, next_image_callback=tick
     )

@@ -40,6 +40,7 @@ class Steps:
         self.reused: list[str] = []
         self.seconds: dict[str, float] = {}
         self._chain = ""
+        self._has_run = False
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -61,14 +62,18 @@ class Steps:
         self._chain = hashlib.sha256(content.encode()).hexdigest()
         marker = self._read(name)
         is_same = marker.get("key") == self._chain
-        if is_same and marker.get("is_done"):
+        is_done = bool(marker.get("is_done"))
+        # Done anew, an earlier step may have come out otherwise: what followed it is void.
+        if is_same and is_done and not self._has_run:
             self.reused.append(name)
             self.seconds[name] = marker["seconds"]
             return marker["result"]
-        before = marker.get("seconds", 0.0) if is_same else 0.0
+        self._has_run = True
+        is_resumed = is_same and not is_done
+        before = marker.get("seconds", 0.0) if is_resumed else 0.0
         self._write(name, {"key": self._chain, "is_done": False, "seconds": before})
         start = time.perf_counter()
-        result = json.loads(json.dumps(work(is_same)))
+        result = json.loads(json.dumps(work(is_resumed)))
         self.seconds[name] = before + time.perf_counter() - start
         done = {"key": self._chain, "is_done": True, "seconds": self.seconds[name]}
         self._write(name, {**done, "result": result})
