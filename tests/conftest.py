@@ -38,3 +38,15 @@ def xp(request: pytest.FixtureRequest):
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(7)
+
+
+@pytest.fixture(scope="session")
+def rendering() -> None:
+    """For tests that render: skipped, with the reason, where that is not possible."""
+    from vioapr.errors import VioAprError
+    from vioapr.recording.courtyard.context import create_context
+
+    try:
+        create_context().release()
+    except VioAprError as error:
+        pytest.skip(str(error))

@@ -37,6 +37,10 @@ class AssociationError(VioAprError):
     """Two trajectories cannot be paired: no common times or names."""
 
 
+class MappingError(VioAprError):
+    """A place cannot be mapped from these recordings."""
+
+
 class MissingExtraError(VioAprError):
     """A feature needs an optional package that is not installed."""
 

@@ -25,8 +25,11 @@ error_console = Console(stderr=True, highlight=False)
 
 
 @contextmanager
-def progress(title: str, total: int) -> Iterator[Callable[[], None]]:
-    """A progress bar with ETA on standard error; yields a function to call at every step."""
+def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
+    """A progress bar with ETA on standard error.
+
+    Yields a function to call at every step, or, with their number, after several.
+    """
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -38,4 +41,4 @@ def progress(title: str, total: int) -> Iterator[Callable[[], None]]:
     is_shown = error_console.is_terminal
     with Progress(*columns, console=error_console, transient=True, disable=not is_shown) as bar:
         task = bar.add_task(title, total=total)
-        yield lambda: bar.advance(task)
+        yield lambda steps=1: bar.advance(task, steps)

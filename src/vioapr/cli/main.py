@@ -16,14 +16,25 @@ from vioapr.cli.convert import convert
 from vioapr.cli.demo import demo
 from vioapr.cli.evaluate import evaluate
 from vioapr.cli.fuse import fuse
+from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
+from vioapr.cli.map_scene import map_
+from vioapr.cli.scene import scene_check, scene_info
+from vioapr.cli.simulate import simulate_courtyard
+from vioapr.cli.vio_quality import vio_quality
 from vioapr.errors import VioAprError
 
 VERBS: dict[str, Callable[..., Any]] = {
     "inspect": inspect,
     "convert": convert,
+    "import": import_,
+    "scene check": scene_check,
+    "scene info": scene_info,
     "fuse": fuse,
     "evaluate": evaluate,
+    "map": map_,
+    "vio-quality": vio_quality,
+    "simulate courtyard": simulate_courtyard,
     "demo": demo,
 }
 
@@ -56,6 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parse(arguments: list[str]) -> Callable[[], Any]:
     """The verb with its arguments, not yet run, so that only parsing errors are rewritten."""
     messages = io.StringIO()
+    if " ".join(arguments[:2]) in VERBS:
+        arguments = [" ".join(arguments[:2]), *arguments[2:]]
     try:
         with redirect_stderr(messages):
             return tyro.extras.subcommand_cli_from_dict(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
@@ -24,7 +23,8 @@ from vioapr.evaluation.formatting import (
     format_walks,
 )
 from vioapr.evaluation.metrics import PRECISION_LEVELS, Summary, summarize
-from vioapr.evaluation.style import CSS, method_colors
+from vioapr.evaluation.page import embed_figure, make_page, make_table
+from vioapr.evaluation.style import method_colors
 from vioapr.evaluation.tables import Group, Row
 from vioapr.formats.base import write_text
 from vioapr.fusion.methods import METHODS
@@ -102,29 +102,7 @@ def write_report(
 def _page(title: str, groups: Sequence[Group], sections: Iterable[str]) -> str:
     links = [("run", "What was run"), ("key", "How to read it"), ("overview", "Overview")]
     links += [(f"group-{number}", group.title) for number, group in enumerate(groups, 1)]
-    contents = "\n".join(f'<li><a href="#{name}">{escape(text)}</a></li>' for name, text in links)
-    body = "\n".join(sections)
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title)}</title>
-<style>{CSS}</style>
-</head>
-<body>
-<div class="layout">
-<nav aria-label="Contents"><ol>
-{contents}
-</ol></nav>
-<main>
-<h1>{escape(title)}</h1>
-{body}
-</main>
-</div>
-</body>
-</html>
-"""
+    return make_page(title, links, sections)
 
 
 def _run(
@@ -150,7 +128,7 @@ def _run(
         [_method_name(name, groups), *(escape(t) for t in _describe(name, params_of_method))]
         for name in _methods(groups)
     ]
-    methods = _table([["method", "what it does", "parameters"]], rows, text_columns=3)
+    methods = make_table([["method", "what it does", "parameters"]], rows, text_columns=3)
     shown = f"<h3>Command</h3><pre><code>{escape(command)}</code></pre>" if command else ""
     return f"""<h2 id="run">What was run</h2>
 <dl>{items}</dl>
@@ -206,7 +184,7 @@ def _overview(groups: Sequence[Group]) -> str:
             cells += _overview_cells(row)
         rows.append(cells)
     starts = [2, *(4 + 3 * index for index in range(len(methods)))]
-    table = _table([names, head], rows, text_columns=1, spans=spans, starts=starts)
+    table = make_table([names, head], rows, text_columns=1, spans=spans, starts=starts)
     return f"""<h2 id="overview">Overview</h2>
 <p>All frames that have a pose; m / °. <b>Bold</b>: better than the raw regressor on the same
 frames.</p>
@@ -295,7 +273,7 @@ def _compared_table(
     names = [""] * before + [title for title, _, _ in _COMPARED] + [extra] * bool(after)
     spans = [1] * before + [2] * len(_COMPARED) + [after] * bool(after)
     starts = [before + 2 * index for index in range(len(_COMPARED) + bool(after))]
-    return _table([names, head], rows, text_columns=text_columns, spans=spans, starts=starts)
+    return make_table([names, head], rows, text_columns=text_columns, spans=spans, starts=starts)
 
 
 def _compare(
@@ -319,62 +297,10 @@ def _compare(
     return mark(own, other), mark(other, own)
 
 
-def _table(
-    heads: list[list[str]],
-    rows: list[list[str]],
-    *,
-    text_columns: int,
-    spans: list[int] | None = None,
-    starts: Iterable[int] = (),
-) -> str:
-    """A table that scrolls sideways where it is wider than the page.
-
-    Args:
-        heads: Rows of headings; all but the last span columns as `spans` says.
-        rows: Cells, already escaped.
-        text_columns: So many columns from the left are text, the others figures.
-        spans: Columns that each heading of the rows above the last spans.
-        starts: Columns that begin with a line.
-    """
-    lines = set(starts)
-
-    def cell(tag: str, content: str, column: int, span: int = 1) -> str:
-        names = ["text"] * (column < text_columns) + ["left"] * (column in lines)
-        style = f' class="{" ".join(names)}"' if names else ""
-        wide = f' colspan="{span}"' if span > 1 else ""
-        return f"<{tag}{style}{wide}>{content}</{tag}>"
-
-    def line(tag: str, cells: list[str], widths: Sequence[int]) -> str:
-        columns = [sum(widths[:index]) for index in range(len(cells))]
-        parts = (cell(tag, *each) for each in zip(cells, columns, widths, strict=True))
-        return f"<tr>{''.join(parts)}</tr>"
-
-    ones = [1] * len(heads[-1])
-    head = "".join(line("th", h, ones if h is heads[-1] else spans or ones) for h in heads)
-    body = "\n".join(line("td", row, ones) for row in rows)
-    return (
-        f'<div class="scroll" tabindex="0"><table><thead>{head}</thead>\n'
-        f"<tbody>{body}</tbody></table></div>"
-    )
-
-
 def _figure(figure: FigureFiles) -> str:
-    """The picture in the page itself, whichever file of the two is smaller."""
-    content, kind = min(
-        ((figure.png.read_bytes(), "png"), (figure.svg.read_bytes(), "svg+xml")),
-        key=lambda each: len(each[0]),
+    return embed_figure(
+        figure.png, figure.svg, f"{figure.kind}: {figure.group.title}", figure.caption
     )
-    data = base64.b64encode(content).decode("ascii")
-    name = escape(f"{figure.kind}: {figure.group.title}")
-    image = f'<img src="data:image/{kind};base64,{data}" alt="{name}">'
-    links = ", ".join(
-        f'<a href="figures/{path.name}">{path.suffix[1:].upper()}</a>'
-        for path in (figure.png, figure.svg)
-    )
-    return f"""<figure>
-<div class="scroll" tabindex="0">{image}</div>
-<figcaption>{escape(figure.caption)} Files: {links}.</figcaption>
-</figure>"""
 
 
 def _methods(groups: Sequence[Group]) -> list[str]:

@@ -7,22 +7,26 @@ Measured on the data, as nothing is documented:
   to the y-up world and OpenCV camera axes here.
 - Trackers (`arkit.csv`, `arcore.csv`): world_from_cam, y up, OpenGL camera axes.
 - The rotations of both are multiplied on the left by one unknown turn about z, of an angle that
-  differs by sequence. One file alone cannot tell it, so it is **not** corrected: distances
-  between positions, and angles of relative rotations, are right; absolute orientations are not,
-  and neither are the axes of the ground truth's relative rotations.
+  differs by sequence. One file alone cannot tell it, so reading does **not** correct it:
+  distances between positions, and angles of relative rotations, are right; absolute orientations
+  are not, and neither are the axes of the ground truth's relative rotations. From both files
+  `find_turn` finds it, and `undo_turn` corrects them.
 - The first rows of a tracker have the position 0,0,0, not initialised, and are left out. One
   such row alone is kept: it is a tracker's origin.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vioapr.errors import FormatError
-from vioapr.formats import conventions
+from vioapr.errors import AssociationError, FormatError
+from vioapr.formats import conventions, tum
 from vioapr.formats.base import Format, ReadOptions, plain_name, read_text, write_text
 from vioapr.formats.poses import MAX_TIME_S, build_trajectory, poses_of, require_times
 from vioapr.formats.table import (
@@ -107,6 +111,125 @@ def _write(path: Path, trajectory: Trajectory, *, is_tracker: bool) -> None:
     times = trajectory.timestamps_s.tolist()
     rows = [(time, *row) for time, row in zip(times, columns, strict=True)]
     write_text(path, format_rows(rows, ","))
+
+
+def read_corrected(path: Path, *, is_tracker: bool) -> Trajectory:
+    """A track whose defects others have mended: TUM columns, y up, ARKit's camera axes.
+
+    Raises:
+        FormatError: Naming file and line.
+    """
+    trajectory = tum.read(path, ReadOptions())
+    poses = conventions.world_from_arcam(trajectory.target_from_source)
+    return replace(trajectory.with_transforms(poses), target="vio" if is_tracker else "world")
+
+
+MAX_RESIDUAL_DEG = 5.0
+"""Tracker and ground truth of one walk agree on what happens in a second better than this."""
+
+_SPAN_S, _LEAST_TIMES = 1.0, 10
+_MAX_OFFSET_S = 5.0
+
+
+class Turn(NamedTuple):
+    """The turn about z that a sequence's rotations were multiplied with.
+
+    Attributes:
+        angle_deg: Its angle, -180 to 180.
+        residual_deg: Median angle between relative rotations over a second once it is undone.
+    """
+
+    angle_deg: float
+    residual_deg: float
+
+
+def find_turn(gt: Trajectory, vio: Trajectory) -> Turn:
+    """The unknown turn of a sequence, from its two tracks as `read` gives them.
+
+    The tracker's relative rotations do not depend on the turn, and those of the ground truth do.
+
+    Raises:
+        AssociationError: The tracks have too few times in common.
+    """
+    times = vio.timestamps_s
+    times = times[(times >= gt.timestamps_s[0]) & (times <= gt.timestamps_s[-1])]
+    times = times[(times + _SPAN_S) <= times[-1]] if len(times) else times
+    if len(times) < _LEAST_TIMES:
+        raise AssociationError("tracker and ground truth have too few times in common")
+    moved, truth = (
+        _relative(track.interpolate(times), track.interpolate(times + _SPAN_S))
+        for track in (vio, gt)
+    )
+
+    def residual_deg(angle_deg: float) -> float:
+        turned = _turn_about_z(angle_deg)
+        expected = quaternion.multiply(
+            quaternion.multiply(turned, truth), quaternion.inverse(turned)
+        )
+        return float(np.median(quaternion.angle_between_deg(expected, moved)))
+
+    # The median has several minima: a coarse search first, then a fine one about the best.
+    best = min(np.arange(-180.0, 180.0, 2.0), key=residual_deg)
+    best = min(np.arange(best - 2.0, best + 2.05, 0.05), key=residual_deg)
+    return Turn(float((best + 180) % 360 - 180), residual_deg(best))
+
+
+def find_clock_offset(gt: Trajectory, vio: Trajectory) -> float:
+    """Seconds to add to a tracker's timestamps to meet those of the ground truth.
+
+    ARCore's are of another phone with a clock of its own. Angles of relative rotations depend
+    neither on the unknown turn nor on the world.
+
+    Raises:
+        AssociationError: The tracks have too few times in common.
+    """
+    (gt_times, gt_angles), (vio_times, vio_angles) = _turning(gt), _turning(vio)
+
+    def residual_deg(offset_s: float) -> float:
+        times = vio_times + offset_s
+        common = (times >= gt_times[0]) & (times <= gt_times[-1])
+        if common.sum() < len(times) / 2:
+            return np.inf
+        expected = np.interp(times[common], gt_times, gt_angles)
+        return float(np.median(np.abs(expected - vio_angles[common])))
+
+    best = min(np.arange(-_MAX_OFFSET_S, _MAX_OFFSET_S, 0.1), key=residual_deg)
+    best = min(np.arange(best - 0.1, best + 0.105, 0.01), key=residual_deg)
+    if not np.isfinite(residual_deg(best)):
+        raise AssociationError("tracker and ground truth have too few times in common")
+    return float(best)
+
+
+def _turning(track: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times, and how far the camera turns in the second that begins there, degrees."""
+    times = track.timestamps_s
+    times = times[times + _SPAN_S <= times[-1]]
+    if len(times) < _LEAST_TIMES:
+        raise AssociationError("tracker and ground truth have too few times in common")
+    moved = _relative(track.interpolate(times), track.interpolate(times + _SPAN_S))
+    return times, np.degrees(quaternion.angle_rad(moved))
+
+
+def undo_turn(trajectory: Trajectory, angle_deg: float, *, is_tracker: bool) -> Trajectory:
+    """A track as `read` gives it, with right orientations: still y up, OpenCV camera axes."""
+    turn = _turn_about_z(angle_deg)
+    if is_tracker:
+        quats = quaternion.multiply(quaternion.inverse(turn), trajectory.quats_xyzw)
+    else:
+        # The turn is of the device on one side, and of a z-up world on the other.
+        world_turn = quaternion.from_rotvec(np.array([0.0, -np.deg2rad(angle_deg), 0.0]))
+        quats = quaternion.multiply(
+            quaternion.multiply(world_turn, trajectory.quats_xyzw), quaternion.inverse(turn)
+        )
+    return trajectory.with_transforms(Rigid3(trajectory.positions_m, quats))
+
+
+def _relative(earlier: Trajectory, later: Trajectory) -> NDArray[np.float64]:
+    return quaternion.multiply(quaternion.inverse(earlier.quats_xyzw), later.quats_xyzw)
+
+
+def _turn_about_z(angle_deg: float) -> NDArray[np.float64]:
+    return quaternion.from_rotvec(np.array([0.0, 0.0, np.deg2rad(angle_deg)]))
 
 
 FORMAT = Format(

@@ -54,7 +54,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     Raises:
         FormatError: Naming file and the frame's number in it.
     """
-    metadata = load_object(path, _read_metadata(path))
+    metadata = load_object(path, read_metadata(path))
     entries = get_list(path, metadata, "poses")
     values = np.array(
         [as_numbers(path, pose, (7,), "a pose", n) for n, pose in enumerate(entries, start=1)]
@@ -67,12 +67,19 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     return build_trajectory(rows, times, poses, options, is_timed=is_timed, target="vio")
 
 
-def _read_metadata(path: Path) -> str:
-    content = read_bytes(path)
-    if not content.startswith(b"PK\x03\x04"):
+def read_metadata(path: Path) -> str:
+    """The JSON text of a metadata file, or of that in an .r3d zip.
+
+    Raises:
+        FormatError: It cannot be read, or the zip has none.
+    """
+    if not read_bytes(path, 4).startswith(b"PK\x03\x04"):
         return read_text(path)
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive, archive.open(_MEMBER) as member:
+        # A zip of thousands of images is not read whole, unless it is gzipped as well.
+        is_plain = zipfile.is_zipfile(path)
+        archive = zipfile.ZipFile(path if is_plain else io.BytesIO(read_bytes(path)))
+        with archive, archive.open(_MEMBER) as member:
             return member.read(_MAX_MEMBER_BYTES).decode()
     except KeyError:
         raise FormatError(path, f"expected a file {_MEMBER!r} in the zip, found none") from None

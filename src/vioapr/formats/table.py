@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.formats.base import read_text
 from vioapr.geometry.rigid import Rigid3
+
+_PART_ROWS, _PART_CHARACTERS = 4096, 1 << 20
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,48 @@ def parse_rows(
         FormatError: No rows, or a row with another number of columns, naming its line.
     """
     fields, lines = [], []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, row in _split(path, text, columns, what, delimiter, comment, skip):
+        fields.append(row)
+        lines.append(number)
+    if not fields:
+        raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
+    return Rows(path, fields, lines)
+
+
+def parse_numbers(
+    path: Path, text: str, columns: range, *, what: str
+) -> tuple[Rows, NDArray[np.float64]]:
+    """As `parse_rows`, of a table of numbers: text takes ten times their room, and is not kept.
+
+    Returns:
+        The rows without their fields, for messages, and the numbers, shape (rows, columns).
+
+    Raises:
+        FormatError: As `parse_rows`, or a field is not a number.
+    """
+    lines: list[int] = []
+    parts: list[NDArray[np.float64]] = []
+    rows = _split(path, text, columns, what, None, "#", 0)
+    while part := list(itertools.islice(rows, _PART_ROWS)):
+        numbers, fields = zip(*part, strict=True)
+        parts.append(Rows(path, list(fields), list(numbers)).numbers(slice(None)))
+        lines += numbers
+    if not lines:
+        raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
+    return Rows(path, [[]] * len(lines), lines), np.concatenate(parts)
+
+
+def _split(
+    path: Path,
+    text: str,
+    columns: range,
+    what: str,
+    delimiter: str | None,
+    comment: str,
+    skip: int,
+) -> Iterator[tuple[int, list[str]]]:
+    """Line number and fields of each row."""
+    for number, line in enumerate(_lines(text), start=1):
         stripped = line.strip()
         if number <= skip or not stripped or (comment and stripped.startswith(comment)):
             continue
@@ -111,11 +155,16 @@ def parse_rows(
         if len(row) not in columns:
             expected = f"{columns[0]}" if len(columns) == 1 else f"{columns[0]} to {columns[-1]}"
             raise FormatError(path, f"expected {expected} columns ({what}), got {len(row)}", number)
-        fields.append(row)
-        lines.append(number)
-    if not fields:
-        raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
-    return Rows(path, fields, lines)
+        yield number, row
+
+
+def _lines(text: str) -> Iterator[str]:
+    """The lines of a text, some at a time."""
+    start = 0
+    while start < len(text):
+        end = text.find("\n", start + _PART_CHARACTERS) + 1 or len(text)
+        yield from text[start:end].splitlines()
+        start = end
 
 
 def read_headed_csv(path: Path, required: Sequence[str]) -> Rows:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vioapr.formats.base import Format, ReadOptions, has_suffix, read_text, write_text
 from vioapr.formats.poses import build_trajectory, poses_of, require_times
-from vioapr.formats.table import all_numbers, format_rows, head_rows, parse_rows, pose_columns
+from vioapr.formats.table import all_numbers, format_rows, head_rows, parse_numbers, pose_columns
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp x y z qx qy qz qw"
@@ -25,8 +25,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     Raises:
         FormatError: Naming file and line.
     """
-    rows = parse_rows(path, read_text(path), range(8, 9), what=_COLUMNS)
-    values = rows.numbers(slice(0, 8))
+    rows, values = parse_numbers(path, read_text(path), range(8, 9), what=_COLUMNS)
     poses = poses_of(rows, values[:, 1:4], values[:, 4:8])
     return build_trajectory(rows, values[:, 0], poses, options)
 

@@ -85,7 +85,15 @@ def simulate_walk(params: WalkParams | None = None, seed: int = 0) -> SimulatedW
     times = np.arange(1, round(params.duration_s * params.rate_hz) + 1) / params.rate_hz
     world_from_cam = _walk(rng, times, params)
     timed = Trajectory(times, world_from_cam.translation_m, world_from_cam.quat_xyzw)
-    vio = timed.with_transforms(_track(rng, times, world_from_cam, params))
+    tracked = track(
+        rng,
+        times,
+        world_from_cam,
+        heading_drift_deg=params.heading_drift_deg,
+        scale_error=params.scale_error,
+        step_noise_m=params.step_noise_m,
+    )
+    vio = timed.with_transforms(tracked)
     return SimulatedWalk(
         gt=timed,
         apr=timed.with_transforms(_regress(rng, world_from_cam, params)),
@@ -93,7 +101,7 @@ def simulate_walk(params: WalkParams | None = None, seed: int = 0) -> SimulatedW
     )
 
 
-def _smooth_noise(rng: np.random.Generator, times: NDArray, seconds: float) -> NDArray:
+def smooth_noise(rng: np.random.Generator, times: NDArray, seconds: float) -> NDArray:
     """Noise of standard deviation about 1 that changes over some seconds, shape (n,)."""
     interval = times[1] - times[0]
     width = max(seconds / interval, 0.5)
@@ -105,14 +113,14 @@ def _smooth_noise(rng: np.random.Generator, times: NDArray, seconds: float) -> N
 
 def _walk(rng: np.random.Generator, times: NDArray, params: WalkParams) -> Rigid3:
     """A round of the place with the phone held up, looking about."""
-    radius = params.extent_m / 2 * (0.85 + 0.1 * _smooth_noise(rng, times, 20.0))
-    speed = params.speed_m_s * np.clip(1 + 0.3 * _smooth_noise(rng, times, 5.0), 0.0, None)
+    radius = params.extent_m / 2 * (0.85 + 0.1 * smooth_noise(rng, times, 20.0))
+    speed = params.speed_m_s * np.clip(1 + 0.3 * smooth_noise(rng, times, 5.0), 0.0, None)
     course = rng.uniform(0, 2 * np.pi) + np.cumsum(speed) * (times[1] - times[0]) / radius.mean()
-    height = 1.5 + 0.03 * _smooth_noise(rng, times, 1.0)
+    height = 1.5 + 0.03 * smooth_noise(rng, times, 1.0)
     position = np.stack([radius * np.cos(course), 0.7 * radius * np.sin(course), height], axis=-1)
-    heading = course + np.pi / 2 + np.deg2rad(40) * _smooth_noise(rng, times, 4.0)
-    pitch = np.deg2rad(6) * _smooth_noise(rng, times, 3.0)
-    roll = np.deg2rad(3) * _smooth_noise(rng, times, 2.0)
+    heading = course + np.pi / 2 + np.deg2rad(40) * smooth_noise(rng, times, 4.0)
+    pitch = np.deg2rad(6) * smooth_noise(rng, times, 3.0)
+    roll = np.deg2rad(3) * smooth_noise(rng, times, 2.0)
     # From a camera that looks along the world's x axis with z up, turned step by step.
     level = np.array([-0.5, 0.5, -0.5, 0.5])
     turns = [np.stack([roll, pitch, 0 * roll], axis=-1), np.outer(heading, [0.0, 0.0, 1.0])]
@@ -120,18 +128,36 @@ def _walk(rng: np.random.Generator, times: NDArray, params: WalkParams) -> Rigid
     return Rigid3(position, quaternion.multiply(quaternion.from_rotvec(turns[1]), quat))
 
 
-def _track(
-    rng: np.random.Generator, times: NDArray, world_from_cam: Rigid3, params: WalkParams
+def track(
+    rng: np.random.Generator,
+    times: NDArray,
+    world_from_cam: Rigid3,
+    *,
+    heading_drift_deg: float,
+    scale_error: float,
+    step_noise_m: float,
 ) -> Rigid3:
-    """Add up the camera's motion with its errors, in a y-up world that starts at the camera."""
+    """Track a walk as a phone does: add up the camera's motion with its errors.
+
+    Args:
+        rng: Source of randomness.
+        times: Shape (n,), s.
+        world_from_cam: Shape (n,), z-up world.
+        heading_drift_deg: Random walk of the heading, deg per square root of a second.
+        scale_error: Standard deviation of the scale's error, a share of 1.
+        step_noise_m: Position noise, m per square root of a second.
+
+    Returns:
+        vio_from_cam, shape (n,): a y-up world of arbitrary heading that starts at the camera.
+    """
     intervals = np.diff(times, prepend=times[0])
-    scale = 1 + params.scale_error * rng.standard_normal()
+    scale = 1 + scale_error * rng.standard_normal()
     drift = rng.standard_normal(len(times)) * np.sqrt(intervals)
-    heading = rng.uniform(0, 2 * np.pi) + np.deg2rad(params.heading_drift_deg) * np.cumsum(drift)
+    heading = rng.uniform(0, 2 * np.pi) + np.deg2rad(heading_drift_deg) * np.cumsum(drift)
     turn = quaternion.from_rotvec(np.outer(heading, [0.0, 0.0, 1.0]))
     steps = np.diff(world_from_cam.translation_m, axis=0, prepend=world_from_cam.translation_m[:1])
     noise = rng.standard_normal(steps.shape) * np.sqrt(intervals)[:, None]
-    moved = quaternion.rotate(turn, scale * steps) + params.step_noise_m * noise
+    moved = quaternion.rotate(turn, scale * steps) + step_noise_m * noise
     tracked = Rigid3(np.cumsum(moved, axis=0), quaternion.multiply(turn, world_from_cam.quat_xyzw))
     return y_up_from_z_up(tracked)
 

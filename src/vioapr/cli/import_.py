@@ -1,0 +1,67 @@
+"""`vioapr import`: recordings of other apps and data sets, into a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from rich.text import Text
+
+from vioapr.cli.console import console, progress
+from vioapr.recording.importers.base import ImportOptions, Place, Split
+from vioapr.recording.importers.registry import Imported, get_importer, import_source
+
+
+def import_(
+    format: tyro.conf.Positional[str],
+    source: tyro.conf.Positional[Path],
+    out: Path,
+    split: Split | None = None,
+    id: str | None = None,
+    place: Place | None = None,
+    images: Literal["copy", "link"] = "copy",
+    tracker: str | None = None,
+    poses: Path | None = None,
+    gt: Path | None = None,
+    rate_hz: float | None = None,
+) -> None:
+    """Import what another app or data set recorded into a scene, and say what was found.
+
+    What each format must hold is in docs/recordings.md.
+
+    Args:
+        format: marvin, stray, record3d, advio, nerfstudio (also Polycam), 7scenes, cambridge,
+            or images (a folder of images with any trajectory file).
+        source: The file or folder to import.
+        out: The scene's folder, made if needed; recordings are added to what is there.
+        split: train, test or none; by default the data set's own, else train.
+        id: Of the recording, for sources with a single one; by default the source's name.
+        place: outdoor or indoor, for a new scene whose source does not say.
+        images: link: hard-link images instead of copying them, where the disk allows.
+        tracker: arkit or arcore, for sources with both; for images, who made the poses.
+        poses: The tracker's trajectory for a folder of images, in any format.
+        gt: The ground truth's trajectory for a folder of images, in any format.
+        rate_hz: Frames per second, for sources without timestamps.
+
+    Raises:
+        VioAprError: The source is not what it should be, or cannot be written.
+    """
+    options = ImportOptions(id, split, tracker, poses, gt, rate_hz)
+    importer = get_importer(format)
+    count = 0
+    for imported in import_source(
+        importer, source, out, options, place=place, link=images == "link", progress=progress
+    ):
+        _print(imported)
+        count += 1
+    console.print(f"{out}: {count} recording{'s' if count != 1 else ''} imported", soft_wrap=True)
+
+
+def _print(imported: Imported) -> None:
+    where = "excluded" if imported.is_excluded else imported.split or "in no split"
+    console.print(Text(f"{imported.folder} ({where})", style="bold"), soft_wrap=True)
+    for finding in imported.findings:
+        style = "yellow" if finding.is_warning else ""
+        text = f"  WARNING {finding.text}" if finding.is_warning else f"  {finding.text}"
+        console.print(Text(text, style=style), soft_wrap=True)

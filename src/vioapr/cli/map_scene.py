@@ -1,0 +1,88 @@
+"""`vioapr map`: a map and ground truth from a scene's recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import tyro
+from rich.table import Table
+
+from vioapr.cli.console import console, progress
+from vioapr.evaluation.map_report import FIGURES, write_map_report
+from vioapr.mapping.params import MappingParams
+from vioapr.mapping.pipeline import map_scene
+from vioapr.recording.scene import Scene
+
+
+def map_(
+    scene: tyro.conf.Positional[Path],
+    params: tyro.conf.OmitArgPrefixes[MappingParams] = MappingParams(),  # noqa: B008
+) -> None:
+    """Map a scene: structure from motion of its training recordings, metric and gravity-aligned.
+
+    Writes map/ (a COLMAP model in the world frame: metres, z up), gt/<recording>.tum for training
+    and test recordings, and the map's report. Test images do not change the map. A run that was
+    interrupted goes on where it was; delete .mapping/ in the scene to begin anew.
+
+    Args:
+        scene: The scene's folder.
+        params: How it is mapped.
+    """
+    opened = Scene.open(scene)
+    summary = map_scene(opened, params, progress)
+    with progress("drawing figures", FIGURES) as tick:
+        page = write_map_report(Scene.open(scene), summary, tick)
+    console.print(_table(summary))
+    for line in _notes(summary):
+        console.print(line, soft_wrap=True, markup=False)
+    console.print(f"report: {page.resolve()}", soft_wrap=True, markup=False)
+
+
+def _table(summary: dict[str, Any]) -> Table:
+    table = Table(title="registered images", title_justify="left")
+    for header in ("recording", "split"):
+        table.add_column(header, no_wrap=True)
+    for header in ("images", "registered", "not", "unusable", "misplaced", "VIO parts from map"):
+        table.add_column(header, justify="right")
+    for id_, facts in summary["recordings"].items():
+        lists = [len(facts[k]) for k in ("unregistered", "unusable", "misplaced")]
+        breaks = len(facts["parts_from_vio_at_s"])
+        counts = [facts["images"], facts["registered"], *lists, breaks]
+        table.add_row(id_, facts["split"], *(str(count) for count in counts))
+    return table
+
+
+def _notes(summary: dict[str, Any]) -> list[str]:
+    model, world = summary["model"], summary["world"]
+    ratios = [scale["relative"] for scale in world["scales"]]
+    lines = [
+        f"map: {model['images']} images, {model['points']} points, reprojection error "
+        f"{model['mean_reprojection_error_px']:.2f} px",
+        f"scale by VIO: tracking worlds agree within {100 * (min(ratios) - 1):+.2f} to "
+        f"{100 * (max(ratios) - 1):+.2f} %; up by VIO: median spread "
+        f"{world['gravity_spread_deg']:.2f} deg",
+        *_describe_place(world["georeference"]),
+    ]
+    for id_, facts in summary["recordings"].items():
+        for what in ("unregistered", "unusable", "misplaced"):
+            if facts[what]:
+                names = [name.rsplit("/", 1)[-1] for name in facts[what]]
+                more = f" and {len(names) - 5} more (all in map/map.json)" if names[5:] else ""
+                lines.append(f"{id_}, {what}: {', '.join(names[:5])}{more}")
+    if summary["reused_steps"]:
+        lines.append(f"done before and not repeated: {', '.join(summary['reused_steps'])}")
+    return lines
+
+
+def _describe_place(geo: dict[str, Any] | str | None) -> list[str]:
+    if isinstance(geo, str):
+        return [f"not georeferenced: {geo}"]
+    if geo is None:
+        return []
+    origin = geo["origin"]
+    return [
+        f"georeferenced by {geo['fixes']} satellite positions: x is east, origin at "
+        f"{origin['latitude_deg']:.7f}, {origin['longitude_deg']:.7f}; median distance "
+        f"{geo['residual_m']:.1f} m, heading to {geo['heading_sigma_deg']:.1f} deg"
+    ]

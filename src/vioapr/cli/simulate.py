@@ -1,0 +1,80 @@
+"""`vioapr simulate courtyard`: a whole scene without a phone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from vioapr.cli.console import console, progress
+
+
+def simulate_courtyard(
+    out: Path,
+    preset: Literal["full", "small"] = "full",
+    seed: int = 0,
+    train: int | None = None,
+    test: int | None = None,
+    duration_s: float | None = None,
+    rate_hz: float | None = None,
+    width_px: int | None = None,
+    height_px: int | None = None,
+    oversampled: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    people: int | None = None,
+    workers: int | None = None,
+) -> None:
+    """Render a courtyard, walk through it several times and write a scene.
+
+    Images, exact ground truth, and what a phone would say: tracker, IMU, GNSS and compass with
+    their errors. Beside them preview.png, pictures of all recordings, and routes.png.
+
+    Args:
+        out: The scene's folder; must hold no scene yet.
+        preset: full: 4 + 2 recordings of 90 s at 10 Hz. small: 2 + 1 of 10 s, in seconds.
+        seed: The same seed gives the same scene.
+        train: Recordings to train and map with; by default the preset's, as all that follow.
+        test: Recordings to test with.
+        duration_s: Length of each recording, s.
+        rate_hz: Images per second.
+        width_px: Width of the images.
+        height_px: Height of the images.
+        oversampled: Render four pixels for one: sharper, and two to three times slower.
+        people: Passers-by.
+        workers: Processes that render; by default one a core. They do not change the result.
+    """
+    # Imported here: other commands should not wait for what only this one needs.
+    from vioapr.evaluation.figures.scene_preview import (
+        Background,
+        contact_sheet,
+        route_map,
+        save_photo_figure,
+    )
+    from vioapr.recording.courtyard.plan import PRESETS, plan_recordings
+    from vioapr.recording.courtyard.record import FROM_ABOVE, FROM_ABOVE_WIDTH_M
+    from vioapr.recording.courtyard.simulate import simulate
+
+    given = {
+        "train": train, "test": test, "duration_s": duration_s, "rate_hz": rate_hz,
+        "width_px": width_px, "height_px": height_px, "people": people,
+    }  # fmt: skip
+    given = {name: value for name, value in given.items() if value is not None}
+    params = replace(PRESETS[preset], oversampled=oversampled, **given)
+    plans = plan_recordings(params)
+    with progress("rendering images", params.frames * len(plans)) as tick:
+        scene = simulate(out, params, seed, workers=workers, tick=tick)
+    save_photo_figure(contact_sheet(scene), out / "preview.png")
+    background = Background(out / FROM_ABOVE, FROM_ABOVE_WIDTH_M)
+    save_photo_figure(route_map(scene, background), out / "routes.png")
+    for plan in plans:
+        note = "".join(
+            f", {what} at {time_s:.0f} s"
+            for what, time_s in (
+                ("tracking lost", plan.mishaps.lost_s),
+                ("relocalization jump", plan.mishaps.jump_s),
+            )
+            if time_s is not None
+        )
+        console.print(f"{plan.id_}: {params.frames} images, {plan.weather}, {plan.route}{note}")
+    console.print(f"scene: {out} (see preview.png and routes.png)", soft_wrap=True)

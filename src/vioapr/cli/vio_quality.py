@@ -1,0 +1,132 @@
+"""`vioapr vio-quality`: how far odometry drifts, and whether it diverges."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.table import Table
+
+from vioapr.cli.console import console, progress
+from vioapr.evaluation.figures.vio_quality import vio_distribution_figure, vio_drift_figure
+from vioapr.evaluation.formatting import format_error, format_median, format_number
+from vioapr.evaluation.metrics import PoseErrors, summarize
+from vioapr.evaluation.style import render
+from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
+from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_json
+from vioapr.evaluation.vio_tracks import find_walks
+from vioapr.formats.base import write_bytes, write_text
+from vioapr.fusion.gaps import RelativeGap
+from vioapr.trajectory import DEFAULT_TOLERANCE_S
+
+
+def vio_quality(
+    paths: tyro.conf.Positional[tuple[Path, ...]],
+    json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    figures: Path | None = None,
+    tolerance_s: float = DEFAULT_TOLERANCE_S,
+    params: tyro.conf.OmitArgPrefixes[VioQualityParams] = VioQualityParams(),  # noqa: B008
+) -> None:
+    """Compare a tracker's poses with ground truth: drift, relative errors, divergence.
+
+    RPE and ROE are the paper's: the difference between the lengths, and between the angles, of
+    the tracker's and the true motion between two frames. They need no alignment. APE and AOE
+    are after rigid alignment on the first seconds; ATE after alignment of the whole track.
+
+    Args:
+        paths: Scenes; folders with walks (gt.* beside vio_<name>.*, or <walk>_gt.* beside
+            <walk>_<name>.*); or the common beginning of one walk's files.
+        json_out: JSON to write: every walk's and every group's figures.
+        figures: Folder to write the figures to, as PNG and SVG.
+        tolerance_s: Largest difference of timestamps within a frame, s.
+        params: What is compared.
+    """
+    walks = find_walks(paths)
+    qualities = []
+    with progress("comparing walks", len(walks)) as tick:
+        for walk in walks:
+            qualities += [analyze(track, params) for track in walk.read(tolerance_s)]
+            tick()
+    console.print(_table(qualities, params))
+    _print_notes(qualities, params)
+    if json_out is not None:
+        write_text(json_out, json.dumps(to_json(qualities), indent=1) + "\n")
+    if figures is not None:
+        _save_figures(qualities, figures)
+
+
+def _table(qualities: list[VioQuality], params: VioQualityParams) -> Table:
+    table = Table(
+        title=f"pairs at {params.rate_hz:g} Hz; aligned on the first {params.align_s:g} s",
+        title_justify="left",
+    )
+    for header in ("set and tracker", "walk"):
+        table.add_column(header, no_wrap=True)
+    good = f"<{params.within_m:g} m, <{params.within_deg:g}° %"
+    headers = ("path m", "ATE m", "APE m / AOE °", "RPE m / ROE °", good, "drift % of path",
+               "m, ° a minute", "scale", "")  # fmt: skip
+    for header in headers:
+        table.add_column(header, justify="right")
+    for name, members in group_tracks(qualities).items():
+        for number, quality in enumerate(members):
+            table.add_row(name if number == 0 else "", quality.track.walk, *_cells(quality))
+        if len(members) > 1:
+            pairs = format_number(100 * share_within(steady(members)), 1)
+            walks = f"{len(steady(members))} not diverging"
+            table.add_row("", f"[b]{walks}[/b]", *[""] * 4, f"[b]{pairs}[/b]", *[""] * 4)
+        table.add_section()
+    return table
+
+
+def _cells(quality: VioQuality) -> list[str]:
+    distance, minute = quality.per_distance, quality.per_time
+    a_minute = 60 / minute.stretch if minute.stretch else float("nan")
+    percent = 100 / distance.stretch if distance.stretch else float("nan")
+    drift = f"{format_error(minute.position_m * a_minute)}, "
+    drift += format_error(minute.orientation_deg * a_minute)
+    return [
+        format_number(quality.path_m, 1),
+        format_error(quality.ate_m),
+        _medians(quality.errors),
+        _medians(quality.gaps),
+        format_number(100 * quality.share_within, 1),
+        format_error(percent * distance.position_m),
+        drift,
+        format_number(quality.scale, 3),
+        "[red]diverges[/red]" if quality.diverges_at_s is not None else "",
+    ]
+
+
+def _medians(errors: PoseErrors | RelativeGap) -> str:
+    return format_median(summarize(PoseErrors(*errors)))
+
+
+def _print_notes(qualities: list[VioQuality], params: VioQualityParams) -> None:
+    notes = [
+        "Medians over frames or pairs. Drift: error of relative poses over stretches of "
+        f"{params.stretch_m:g} m and {params.stretch_s:g} s, or half the walk; it has the ground "
+        "truth's own orientation noise in it. Scale: true metres per metre of the tracker."
+    ]
+    for quality in qualities:
+        if quality.diverges_at_s is not None:
+            notes.append(
+                f"{quality.track.title}: the tracker diverges from ground truth, first at "
+                f"{quality.diverges_at_s:.0f} s; the group's figures are without it."
+            )
+        if not len(quality.pair_rows):
+            notes.append(
+                f"{quality.track.title}: no two frames are {1 / params.rate_hz:g} s apart: "
+                "choose another --rate-hz."
+            )
+    for note in notes:
+        console.print(note, soft_wrap=True, markup=False)
+
+
+def _save_figures(qualities: list[VioQuality], folder: Path) -> None:
+    drawings = {"vio_errdis": vio_distribution_figure, "vio_drift": vio_drift_figure}
+    for name, draw in drawings.items():
+        for ending, content in zip(("png", "svg"), render(draw(qualities)), strict=True):
+            write_bytes(folder / f"{name}.{ending}", content)
+    console.print(f"figures: {folder.resolve()}", soft_wrap=True)

@@ -1,0 +1,69 @@
+"""pycolmap: imported when it is needed, quiet, and with errors of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vioapr.errors import MappingError, MissingExtraError
+from vioapr.geometry.rigid import Rigid3
+
+if TYPE_CHECKING:
+    import pycolmap
+
+
+def load_pycolmap() -> Any:
+    """The module.
+
+    Raises:
+        MissingExtraError: It is not installed.
+    """
+    try:
+        import pycolmap
+    except ImportError:
+        raise MissingExtraError("mapping", "pycolmap", "mapping") from None
+    # Its own log is for its developers; what goes wrong comes as exceptions.
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    return pycolmap
+
+
+@contextmanager
+def open_database(path: Path) -> Iterator[Any]:
+    """COLMAP's database, made if needed, closed in any case.
+
+    Raises:
+        MappingError: It cannot be read or written.
+    """
+    pycolmap = load_pycolmap()
+    with translated_errors(path):
+        database = pycolmap.Database.open(path)
+        try:
+            yield database
+        finally:
+            database.close()
+
+
+@contextmanager
+def translated_errors(path: Path) -> Iterator[None]:
+    """Turns COLMAP's complaints about files, e.g. of a full disk, into an error of ours."""
+    try:
+        yield
+    except (RuntimeError, ValueError, OSError) as error:
+        reason = str(error).strip().splitlines()[-1] if str(error).strip() else "unknown reason"
+        raise MappingError(
+            f"{path}: COLMAP failed: {reason[:300]} (is the disk full? what was finished before is "
+            "kept: run again to resume)"
+        ) from None
+
+
+def world_from_cam(image: pycolmap.Image) -> Rigid3:
+    """The pose of a registered image."""
+    cam_from_world = image.cam_from_world()
+    return Rigid3(
+        np.array(cam_from_world.translation, dtype=np.float64),
+        np.array(cam_from_world.rotation.quat, dtype=np.float64),
+    ).inverse()

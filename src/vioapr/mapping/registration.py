@@ -1,0 +1,207 @@
+"""Poses of further images in a finished map, which stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.geometry import rigid
+from vioapr.geometry.rigid import Rigid3
+from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors
+from vioapr.mapping.features import image_ids
+from vioapr.mapping.inputs import MapImages
+from vioapr.mapping.pairs import Pairs, query_pairs, view_cost, viewing_directions
+from vioapr.mapping.params import MappingParams
+from vioapr.mapping.pruning import MAX_TILT_DEG, tilt_deg
+from vioapr.mapping.reconstruct import registered_images
+
+MAX_ERROR_PX = 6.0
+"""Largest reprojection error of a point that agrees with a pose, of images 640 pixels long."""
+
+MIN_ERROR_PX = 3.0
+"""But not less: features are not found more exactly on small images."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """The pose of one image.
+
+    Attributes:
+        row: The image.
+        world_from_cam: Its pose.
+        inliers: Points that agree with it.
+        error_px: Their median reprojection error.
+    """
+
+    row: int
+    world_from_cam: Rigid3
+    inliers: int
+    error_px: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        position, quat = self.world_from_cam
+        return {**vars(self), "world_from_cam": [position.tolist(), quat.tolist()]}
+
+    @staticmethod
+    def from_json(content: dict[str, Any]) -> Registered:
+        """The reverse of `to_json`."""
+        pose = Rigid3(*(np.array(part) for part in content["world_from_cam"]))
+        return Registered(**{**content, "world_from_cam": pose})
+
+
+def register_images(
+    database_path: Path,
+    model: Any,
+    images: MapImages,
+    pairs: Pairs,
+    params: MappingParams,
+    tick: Callable[[], object],
+) -> list[Registered]:
+    """Find the poses of images from their matches with images of the map.
+
+    Args:
+        database_path: With verified matches of the pairs.
+        model: The map.
+        images: All images.
+        pairs: Rows: an image to register, an image of the map.
+        params: Smallest number of agreeing points, seed.
+        tick: Called once an image to register.
+
+    Returns:
+        Those that could be registered, by row.
+    """
+    mapped = registered_images(model)
+    points = {name: _points_of(image) for name, image in mapped.items()}
+    found = []
+    with open_database(database_path) as database, translated_errors(database_path):
+        ids = image_ids(database)
+        for row in np.unique(pairs[:, 0]):
+            partners = [images.names[k] for k in pairs[pairs[:, 0] == row, 1]]
+            name = images.names[row]
+            matches = [
+                _matches(database, ids[name], ids[other], points[other])
+                for other in partners
+                if other in points
+            ]
+            camera = _camera(database, model, ids[name])
+            pose = _solve(database, model, ids[name], matches, camera, params)
+            if pose is not None and not _is_tilted(images, int(row), pose[0]):
+                found.append(Registered(int(row), *pose))
+            tick()
+    return found
+
+
+def pairs_by_vio(
+    images: MapImages,
+    rows: NDArray[np.intp],
+    found: list[Registered],
+    mapped: NDArray[np.intp],
+    mapped_poses: Rigid3,
+    count: int,
+) -> Pairs:
+    """For images that were not registered: those of the map that see the same, by VIO.
+
+    The pose of an image is predicted from the registered image of its tracking world that is
+    nearest in time, and VIO between the two.
+
+    Args:
+        images: All images.
+        rows: Those to register.
+        found: Those of them that are registered.
+        mapped: The map's images.
+        mapped_poses: Their poses, world_from_cam.
+        count: So many pairs for each image.
+
+    Returns:
+        Rows, shape (m, 2): an image to register, an image of the map.
+    """
+    known = {registered.row: registered.world_from_cam for registered in found}
+    views = viewing_directions(mapped_poses.quat_xyzw)
+    queries, scores = [], []
+    for row in rows:
+        world = images.tracking_world[row]
+        anchors = [k for k in known if images.tracking_world[k] == world and images.has_vio[k]]
+        if row in known or not anchors or not images.has_vio[row]:
+            continue
+        time_s = images.timestamp_s[row]
+        anchor = min(anchors, key=lambda k: abs(images.timestamp_s[k] - time_s))
+        vio = images.vio_from_cam
+        predicted = known[anchor] @ rigid.between(vio.at(anchor), vio.at(row))
+        view = viewing_directions(predicted.quat_xyzw)
+        queries.append(row)
+        scores.append(-view_cost(mapped_poses.translation_m, views, predicted.translation_m, view))
+    return query_pairs(np.array(queries, dtype=np.intp), mapped, np.array(scores), count)
+
+
+def _points_of(image: Any) -> NDArray[np.int64]:
+    """The 3D point of every feature of an image, -1 where it has none."""
+    return np.array(
+        [p.point3D_id if p.has_point3D() else -1 for p in image.points2D], dtype=np.int64
+    )
+
+
+def _is_tilted(images: MapImages, row: int, world_from_cam: Rigid3) -> bool:
+    """Whether VIO's gravity rules the pose out: a place that looks alike."""
+    if not (images.has_vio[row] and images.is_level[row]):
+        return False
+    return bool(tilt_deg(images, np.array([row]), world_from_cam.at(None))[0] > MAX_TILT_DEG)
+
+
+def _matches(
+    database: Any, query: int, other: int, point_of_feature: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Feature of the query and 3D point, for every verified match that has one, shape (m, 2)."""
+    if not database.exists_two_view_geometry(query, other):
+        return np.zeros((0, 2), dtype=np.int64)
+    matches = database.read_two_view_geometry(query, other).inlier_matches
+    features = np.asarray(matches, dtype=np.int64).reshape(-1, 2)
+    points = point_of_feature[features[:, 1]]
+    return np.column_stack([features[:, 0], points])[points >= 0]
+
+
+def _camera(database: Any, model: Any, image_id: int) -> Any:
+    """As the map has adjusted it, if the map has it."""
+    camera_id = database.read_image(image_id).camera_id
+    cameras = model.cameras
+    return cameras[camera_id] if camera_id in cameras else database.read_camera(camera_id)
+
+
+def _solve(
+    database: Any,
+    model: Any,
+    image_id: int,
+    matches: list[NDArray[np.int64]],
+    camera: Any,
+    params: MappingParams,
+) -> tuple[Rigid3, int, float] | None:
+    """Pose, number of agreeing points and their median error, or None."""
+    pycolmap = load_pycolmap()
+    together = np.unique(np.concatenate([np.zeros((0, 2), np.int64), *matches]), axis=0)
+    if len(together) < params.min_inliers:
+        return None
+    keypoints = np.asarray(database.read_keypoints(image_id))
+    pixels = np.asarray(keypoints[together[:, 0], :2], dtype=np.float64)
+    world = np.array([model.points3D[point].xyz for point in together[:, 1]])
+    options = pycolmap.AbsolutePoseEstimationOptions()
+    scale = max(camera.width, camera.height) / 640
+    options.ransac.max_error = max(MAX_ERROR_PX * scale, MIN_ERROR_PX)
+    options.ransac.random_seed = params.seed
+    answer = pycolmap.estimate_and_refine_absolute_pose(pixels, world, camera, options)
+    if answer is None:
+        return None
+    is_inlier = np.asarray(answer["inlier_mask"], dtype=bool)
+    # A feature that matches two points counts once.
+    inliers = len(np.unique(together[is_inlier, 0]))
+    if inliers < params.min_inliers:
+        return None
+    cam_from_world = answer["cam_from_world"]
+    seen = np.asarray(camera.img_from_cam(cam_from_world * world[is_inlier]))
+    error_px = float(np.median(np.linalg.norm(seen - pixels[is_inlier], axis=1)))
+    pose = Rigid3(np.array(cam_from_world.translation), np.array(cam_from_world.rotation.quat))
+    return pose.inverse(), inliers, error_px
