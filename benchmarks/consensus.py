@@ -162,8 +162,9 @@ def ablation_table(cases: Sequence[Case]) -> tuple[str, dict]:
     """What each part is worth: simulated odometry and real ones."""
     kinds = {"simulated odometry": ("sim",), "dslam": ("dslam",), "dso": ("dso",),
              "arkit": ("arkit",)}  # fmt: skip
+    heads = [f"{kind}: median m / deg, p95 m / deg" for kind in kinds]
     lines = [
-        "| variant | " + " | ".join(f"{kind}: median m / deg, p95 m / deg" for kind in kinds) + " |",
+        "| variant | " + " | ".join(heads) + " |",
         "|---|" + "---|" * len(kinds),
     ]
     results = {}
@@ -255,9 +256,7 @@ def risk_table(
     scaled = np.mean([row[: len(SHARES)] / row[len(SHARES) - 1] for row in groups.values()], axis=0)
     beats = np.mean([row[-1] / row[-2] for row in groups.values()])
     cells = [f"**{value:.2f}**" for value in scaled]
-    lines.append(
-        f"| **over all cells, relative** | {' | '.join(cells)} | | 1 | **{beats:.2f}** |"
-    )
+    lines.append(f"| **over all cells, relative** | {' | '.join(cells)} | | 1 | **{beats:.2f}** |")
     curve = {"shares": list(SHARES), "relative": scaled.tolist(), "over_keyframes": float(beats)}
     return "\n".join(lines) + "\n", curve
 
@@ -277,7 +276,9 @@ def smoothing_table(cases: Sequence[Case], causal: Sequence[FusedWalk]) -> tuple
     for key, before in figures[0].items():
         after = figures[1][key]
         ratios[", ".join(key)] = (after / before).tolist()
-        texts = [f"{f[0]:.3f} m / {f[1]:.2f}°, p95 {f[2]:.3f} / {f[3]:.2f}" for f in (before, after)]
+        texts = [
+            f"{f[0]:.3f} m / {f[1]:.2f}°, p95 {f[2]:.3f} / {f[3]:.2f}" for f in (before, after)
+        ]
         ratio = " / ".join(f"{value:.2f}" for value in after / before)
         lines.append(f"| {', '.join(key)} | {texts[0]} | {texts[1]} | {ratio} |")
     mean = np.exp(np.mean(np.log(list(ratios.values())), axis=0))
