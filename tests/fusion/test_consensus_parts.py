@@ -13,6 +13,8 @@ from vioapr.fusion.consensus.votes import (
     empty_votes,
     usual_speed,
     view_gaps,
+    view_gaps_within,
+    viewing_direction,
 )
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry import quaternion
@@ -39,28 +41,34 @@ def no_age(count):
     return Ages(*(np.zeros(count) for _ in range(3)))
 
 
+def shares_of(votes):
+    directions = viewing_direction(votes.vio_from_cam)
+    gaps = view_gaps_within(votes.vio_from_cam.translation_m, directions)
+    return view_shares(PARAMS, votes.is_valid, gaps, np.asarray(1.0), 0.3)
+
+
 def fit(votes, shares):
     count = len(shares)
     rotation = fit_rotation(
         PARAMS, votes, no_age(count), shares, (ZERO, ZERO), np.asarray(0.05), np.asarray(0.05)
     )
     newest = votes.vio_from_cam.at(0)
+    directions, half = viewing_direction(votes.vio_from_cam), np.asarray(0.5)
     position = fit_position(
-        PARAMS, votes, newest, no_age(count), shares, ZERO, rotation, np.asarray(0.5),
-        np.asarray(0.5),
-    )  # fmt: skip
+        PARAMS, votes, directions, newest, no_age(count), shares, ZERO, rotation, half, half
+    )
     return rotation, position
 
 
 def test_views_far_apart_have_a_share_each_and_equal_views_share_one():
     votes = votes_at([[0, 0, 0], [0, 0, 0], [0, 0, 0], [50, 0, 0]], np.zeros((4, 3)))
-    shares = view_shares(PARAMS, votes, np.asarray(1.0), 0.3)
+    shares = shares_of(votes)
     np.testing.assert_allclose(shares, [1 / 3, 1 / 3, 1 / 3, 1], atol=1e-12)
 
 
 def test_a_vote_that_is_not_there_has_no_share():
     votes = votes_at(np.zeros((3, 3)), np.zeros((3, 3)))._replace(is_valid=np.array([1.0, 1, 0]))
-    np.testing.assert_allclose(view_shares(PARAMS, votes, np.asarray(1.0), 0.3), [0.5, 0.5, 0])
+    np.testing.assert_allclose(shares_of(votes), [0.5, 0.5, 0])
 
 
 def test_gaps_between_views_in_metres_and_along_the_unit_sphere():

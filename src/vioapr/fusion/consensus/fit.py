@@ -15,9 +15,9 @@ import numpy as np
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.votes import (
     Odometer,
+    ViewGaps,
     Votes,
     squared_distances,
-    view_gaps_within,
     viewing_direction,
 )
 from vioapr.geometry import quaternion
@@ -93,14 +93,19 @@ class Fit(NamedTuple):
     is_upright: Array
 
 
-def view_shares(params: ConsensusParams, votes: Votes, length_m: Array, length_rad: float) -> Array:
+def view_shares(
+    params: ConsensusParams,
+    is_valid: Array,
+    gaps: ViewGaps,
+    length_m: Array,
+    length_rad: float,
+) -> Array:
     """Each vote's share of the one weight that its view has, shape (..., n)."""
     if not params.view_weights:
-        return votes.is_valid
-    gaps = view_gaps_within(votes.vio_from_cam)
+        return is_valid
     kernel = namespace(length_m).exp(-0.5 * gaps.normalized(length_m[..., None, None], length_rad))
-    density = namespace(kernel).sum(kernel * votes.is_valid[..., None, :], axis=-1)
-    return votes.is_valid / (density + (1 - votes.is_valid))
+    density = namespace(kernel).sum(kernel * is_valid[..., None, :], axis=-1)
+    return is_valid / (density + (1 - is_valid))
 
 
 def fit_rotation(
@@ -185,6 +190,7 @@ def _shrink_tilt(
 def fit_position(
     params: ConsensusParams,
     votes: Votes,
+    directions: Array,
     vio_from_cam: Rigid3,
     ages: Ages,
     shares: Array,
@@ -202,7 +208,8 @@ def fit_position(
     Args:
         params: Of the method.
         votes: With tracking world z up.
-        vio_from_cam: The tracker's pose now, likewise.
+        directions: Their viewing directions in the tracking world, shape (..., n, 3).
+        vio_from_cam: The tracker's pose now, z up too.
         ages: Of the votes.
         shares: See `view_shares`.
         rate: Drift of position: variance a metre, in units of the scatter's.
@@ -216,7 +223,7 @@ def fit_position(
     way = quaternion.rotate(turn, moved)
     places = votes.apr_world_from_cam.translation_m + way
     seen = viewing_direction(votes.apr_world_from_cam)
-    off = seen - quaternion.rotate(turn, viewing_direction(votes.vio_from_cam))
+    off = seen - quaternion.rotate(turn, directions)
     way2 = xp.sum(way * way, axis=-1)
     jumps = _jump_variance(shares, ages.jumps_m2, noise_m)
     drift = rate[..., None] * ages.motion_m + jumps

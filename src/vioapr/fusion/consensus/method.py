@@ -24,6 +24,8 @@ from vioapr.fusion.consensus.votes import (
     empty_votes,
     usual_speed,
     view_gaps,
+    view_gaps_within,
+    viewing_direction,
 )
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
 from vioapr.geometry import frames, quaternion
@@ -190,13 +192,16 @@ def _add_vote(params: ConsensusParams, state: ConsensusState, frame: FrameInput)
     length_m = _view_length_m(trust)
     votes, is_new_view = _remember(state, frame, length_m)
     ages = ages_of(votes, state.odometer)
-    shares = view_shares(params, votes, length_m, _VIEW_RAD)
+    directions = viewing_direction(votes.vio_from_cam)
+    gaps = view_gaps_within(votes.vio_from_cam.translation_m, directions)
+    shares = view_shares(params, votes.is_valid, gaps, length_m, _VIEW_RAD)
     rates = drift_rates(params, trust)
     tilts = (rates.tilt, rates.heading)
     rotation = fit_rotation(params, votes, ages, shares, tilts, trust.scatter_rad, trust.noise_rad)
     position = fit_position(
         params,
         votes,
+        directions,
         frame.vio_from_cam,
         ages,
         shares,
@@ -206,7 +211,7 @@ def _add_vote(params: ConsensusParams, state: ConsensusState, frame: FrameInput)
         trust.noise_m,
     )
     trust = notice_scatter(trust, rotation, position)
-    trust = learn(params, trust, votes, ages, rotation, position, is_new_view)
+    trust = learn(params, trust, votes, gaps, ages, rotation, position, is_new_view)
     anchor = _anchor(params, state, frame, trust, rates, rotation, position)
     return state._replace(votes=votes, trust=trust, anchor=anchor)
 

@@ -16,9 +16,8 @@ from vioapr.fusion.consensus.drift import (
 )
 from vioapr.fusion.consensus.fit import Ages, Fit
 from vioapr.fusion.consensus.params import ConsensusParams
-from vioapr.fusion.consensus.votes import RECENT, Votes, view_gaps_within
+from vioapr.fusion.consensus.votes import RECENT, ViewGaps, Votes
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, zeros
-from vioapr.geometry.rigid import Rigid3
 
 _LEARNING = 0.1
 """Weight of a new view's evidence in the running average."""
@@ -176,6 +175,7 @@ def learn(
     params: ConsensusParams,
     trust: Trust,
     votes: Votes,
+    gaps: ViewGaps,
     ages: Ages,
     rotation: Fit,
     position: Fit,
@@ -187,7 +187,7 @@ def learn(
     jumps = ages.jumps_m2 / (trust.noise_m**2)[..., None]
     inputs = (
         *trust,
-        *votes.vio_from_cam,
+        *gaps,
         votes.is_valid,
         ages.motion_m,
         jumps + ages.jumps_rad2 / (trust.noise_rad**2)[..., None],
@@ -202,11 +202,11 @@ def _learn(params: ConsensusParams, *inputs: Array) -> tuple[Array, ...]:
     """From what `learn` gathers, for rows of walks."""
     count = len(Trust._fields)
     trust = Trust._make(inputs[:count])
-    *pose, is_valid, motion_m, jumps, samples, excess = inputs[count:]
+    *gaps, is_valid, motion_m, jumps, samples, excess = inputs[count:]
     evidence = weigh_drifts(
         samples,
         is_valid,
-        view_gaps_within(Rigid3(*pose)),
+        ViewGaps(*gaps),
         _ERROR_LENGTH_M + _ERROR_LENGTH_PER_M * trust.noise_m,
         motion_m,
         excess,

@@ -174,10 +174,10 @@ def view_gaps(left: Rigid3, right: Rigid3) -> ViewGaps:
     return ViewGaps(xp.sum(moved * moved, axis=-1), xp.sum(turned * turned, axis=-1))
 
 
-def view_gaps_within(poses: Rigid3) -> ViewGaps:
-    """Between all pairs of n cameras, shape (..., n, n)."""
-    places = poses.translation_m - poses.translation_m[..., :1, :]
-    return ViewGaps(squared_distances(places), squared_distances(viewing_direction(poses)))
+def view_gaps_within(places_m: Array, directions: Array) -> ViewGaps:
+    """Between all pairs of n cameras, shapes (..., n, 3) to (..., n, n)."""
+    places_m = places_m - places_m[..., :1, :]
+    return ViewGaps(squared_distances(places_m), squared_distances(directions))
 
 
 def squared_distances(points: Array) -> Array:
