@@ -85,8 +85,8 @@ def _run_incremental(
     options.min_model_size = MIN_MODEL_IMAGES
     options.max_num_models = MAX_MODELS
     options.init_num_trials = INIT_TRIALS
-    # Placing images by two-view geometries alone, where too few points are known, and adjusting
-    # the whole model less often than COLMAP does folded the courtyard (docs/mapping.md).
+    # Placing images by two-view geometries alone, where too few points are known, is not exact
+    # enough for ground truth (docs/mapping.md).
     options.structure_less_registration_fallback = False
     options.ba_refine_focal_length = options.ba_refine_extra_params = refines
     options.mapper.abs_pose_refine_focal_length = refines
