@@ -78,11 +78,7 @@ def _run_incremental(
     tick: Callable[[], object],
 ) -> dict[int, Any]:
     pycolmap = load_pycolmap()
-    options = pycolmap.IncrementalPipelineOptions()
-    options.image_names = list(names)
-    options.num_threads = params.threads
-    options.random_seed = params.seed
-    options.min_model_size = MIN_MODEL_IMAGES
+    options = _with_common(pycolmap.IncrementalPipelineOptions(), names, params)
     options.max_num_models = MAX_MODELS
     options.init_num_trials = INIT_TRIALS
     # Placing images by two-view geometries alone, where too few points are known, is not exact
@@ -106,17 +102,22 @@ def _run_global(
     tick: Callable[[], object],
 ) -> dict[int, Any]:
     pycolmap = load_pycolmap()
-    options = pycolmap.GlobalPipelineOptions()
-    options.image_names = list(names)
-    options.num_threads = params.threads
-    options.random_seed = params.seed
-    options.min_model_size = MIN_MODEL_IMAGES
+    options = _with_common(pycolmap.GlobalPipelineOptions(), names, params)
     options.mapper.bundle_adjustment.refine_focal_length = refines
     options.mapper.bundle_adjustment.refine_extra_params = refines
     models = pycolmap.global_mapping(database, image_folder, scratch, options)
     for _ in names:
         tick()
     return models
+
+
+def _with_common(options: Any, names: Sequence[str], params: MappingParams) -> Any:
+    """What both mappers are told."""
+    options.image_names = list(names)
+    options.num_threads = params.threads
+    options.random_seed = params.seed
+    options.min_model_size = MIN_MODEL_IMAGES
+    return options
 
 
 def _make_folders(*folders: Path) -> None:
