@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vioapr.fusion.consensus.drift import CORRELATED_PART, LOG10_RATES, Channel, weigh_drifts
-from vioapr.fusion.consensus.fit import Ages, fit_position, fit_rotation, view_shares
+from vioapr.fusion.consensus.fit import fit_position, fit_rotation, view_shares
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.votes import (
     RECENT,
@@ -38,7 +38,7 @@ def votes_at(positions, predictions, quats=None):
 
 
 def no_age(count):
-    return Ages(*(np.zeros(count) for _ in range(3)))
+    return Odometer(*(np.zeros(count) for _ in range(3)))
 
 
 def shares_of(votes):

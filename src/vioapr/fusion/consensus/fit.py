@@ -54,20 +54,6 @@ _SCATTER_LIMITS_M, _SCATTER_LIMITS_RAD = (0.005, 4.0), (0.0035, 0.26)
 """Within which regressors err."""
 
 
-class Ages(NamedTuple):
-    """What VIO has come since each vote, shape (..., n): see `Odometer`."""
-
-    motion_m: Array
-    jumps_m2: Array
-    jumps_rad2: Array
-
-
-def ages_of(votes: Votes, odometer: Odometer) -> Ages:
-    """From the odometer's readings then and now."""
-    readings = zip(odometer, votes.odometer, strict=True)
-    return Ages(*(now[..., None] - then for now, then in readings))
-
-
 class Fit(NamedTuple):
     """A robust mean.
 
@@ -111,7 +97,7 @@ def view_shares(
 def fit_rotation(
     params: ConsensusParams,
     votes: Votes,
-    ages: Ages,
+    ages: Odometer,
     shares: Array,
     rates: tuple[Array, Array],
     scatter_rad: Array,
@@ -122,7 +108,7 @@ def fit_rotation(
     Args:
         params: Of the method.
         votes: With tracking world z up.
-        ages: Of the votes.
+        ages: What the odometer has read since each vote, shape (..., n).
         shares: See `view_shares`.
         rates: Drift of tilt and of heading: variance a metre, in units of the scatter's.
         scatter_rad: The last one.
@@ -192,7 +178,7 @@ def fit_position(
     votes: Votes,
     directions: Array,
     vio_from_cam: Rigid3,
-    ages: Ages,
+    ages: Odometer,
     shares: Array,
     rate: Array,
     rotation: Fit,
@@ -210,7 +196,7 @@ def fit_position(
         votes: With tracking world z up.
         directions: Their viewing directions in the tracking world, shape (..., n, 3).
         vio_from_cam: The tracker's pose now, z up too.
-        ages: Of the votes.
+        ages: What the odometer has read since each vote, shape (..., n).
         shares: See `view_shares`.
         rate: Drift of position: variance a metre, in units of the scatter's.
         rotation: The fit of rotation.

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vioapr.fusion.alignment import hide_unless
-from vioapr.fusion.consensus.fit import Fit, ages_of, fit_position, fit_rotation, view_shares
+from vioapr.fusion.consensus.fit import Fit, fit_position, fit_rotation, view_shares
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.trust import (
     Rates,
@@ -191,7 +191,7 @@ def _add_vote(params: ConsensusParams, state: ConsensusState, frame: FrameInput)
     trust = state.trust
     length_m = _view_length_m(trust)
     votes, is_new_view = _remember(state, frame, length_m)
-    ages = ages_of(votes, state.odometer)
+    ages = votes.ages(state.odometer)
     directions = viewing_direction(votes.vio_from_cam)
     gaps = view_gaps_within(votes.vio_from_cam.translation_m, directions)
     shares = view_shares(params, votes.is_valid, gaps, length_m, _VIEW_RAD)
@@ -304,7 +304,7 @@ def _sigmas(
     """Per axis, in m and rad: the anchor's, and what VIO may have drifted since."""
     xp = namespace(frame.timestamp_s)
     anchor, trust = state.anchor, state.trust
-    since = Odometer(*(a - b for a, b in zip(state.odometer, anchor.odometer, strict=True)))
+    since = state.odometer.since(anchor.odometer)
     rad2 = anchor.drift_rad2 * since.motion_m + since.jumps_rad2
     variance_rad2 = anchor.variance_rad2 + rad2[..., None]
     lever_m = norm(frame.vio_from_cam.translation_m - anchor.vio_from_cam.translation_m)

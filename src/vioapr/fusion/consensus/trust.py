@@ -14,9 +14,9 @@ from vioapr.fusion.consensus.drift import (
     Evidence,
     weigh_drifts,
 )
-from vioapr.fusion.consensus.fit import Ages, Fit
+from vioapr.fusion.consensus.fit import Fit
 from vioapr.fusion.consensus.params import ConsensusParams
-from vioapr.fusion.consensus.votes import RECENT, ViewGaps, Votes
+from vioapr.fusion.consensus.votes import RECENT, Odometer, ViewGaps, Votes
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, zeros
 
 _LEARNING = 0.1
@@ -142,13 +142,20 @@ def _prior(slope: float) -> np.ndarray:
     return prior / prior.sum()
 
 
+def _mixing() -> np.ndarray:
+    """How likely each size of one drift is with each of the other's, columns sum to 1."""
+    mixing = np.exp(-_COUPLING * np.abs(LOG10_RATES[:, None] - LOG10_RATES))
+    return mixing / mixing.sum(axis=0)
+
+
+_MIXING = _mixing()
+
+
 def _hint(other: Array) -> Array:
     """What the likelihoods of one drift say of the other's, logarithm."""
     xp = namespace(other)
-    distance = np.abs(LOG10_RATES[:, None] - LOG10_RATES)
-    mixing = np.exp(-_COUPLING * distance)
-    mixing = constant(mixing / mixing.sum(axis=0), other)
-    return xp.log(xp.sum(_softmax(other)[..., None] * mixing, axis=-2))
+    mixed = _softmax(other)[..., None] * constant(_MIXING, other)
+    return xp.log(xp.sum(mixed, axis=-2))
 
 
 def _softmax(logits: Array) -> Array:
@@ -176,7 +183,7 @@ def learn(
     trust: Trust,
     votes: Votes,
     gaps: ViewGaps,
-    ages: Ages,
+    ages: Odometer,
     rotation: Fit,
     position: Fit,
     is_new_view: Array,

@@ -52,6 +52,10 @@ class Odometer(NamedTuple):
     jumps_m2: Array
     jumps_rad2: Array
 
+    def since(self, earlier: Odometer) -> Odometer:
+        """What was added since earlier readings."""
+        return Odometer(*(now - then for now, then in zip(self, earlier, strict=True)))
+
     def advance(self, seconds: Array, step: Rigid3, speed_m_s: Array) -> Odometer:
         """After a step of the tracker, cam_from_cam, that took some seconds.
 
@@ -102,6 +106,10 @@ class Votes(NamedTuple):
     vio_from_cam: Rigid3
     odometer: Odometer
     is_valid: Array
+
+    def ages(self, now: Odometer) -> Odometer:
+        """What the odometer has read since each vote, shape (..., n)."""
+        return Odometer(*(reading[..., None] for reading in now)).since(self.odometer)
 
     def add(self, frame: FrameInput, odometer: Odometer, keeps_oldest_recent: Array) -> Votes:
         """Put a frame in front.
