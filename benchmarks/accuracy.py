@@ -13,7 +13,7 @@ import os
 import sys
 from pathlib import Path
 
-from common import write_json
+from common import replace_section, write_json
 from rich.console import Console
 
 from vioapr.cli.console import progress
@@ -25,7 +25,6 @@ from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.fusion.methods import METHODS
 
 DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
-BEGIN, END = "<!-- begin table -->\n", "<!-- end table -->\n"
 
 
 def markdown(groups: list[Group]) -> str:
@@ -49,13 +48,6 @@ def markdown(groups: list[Group]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def update_docs(table: str) -> None:
-    """Put the table between the markers of docs/accuracy.md."""
-    text = DOCS.read_text()
-    head, tail = text.split(BEGIN)[0], text.split(END)[1]
-    DOCS.write_text(head + BEGIN + table + END + tail)
-
-
 def main() -> None:
     """Run every method on every walk."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
@@ -74,7 +66,7 @@ def main() -> None:
     if options.json:
         write_json(options.json, {"groups": to_json(groups)})
     if options.update_docs:
-        update_docs(markdown(groups))
+        replace_section(DOCS, "table", markdown(groups))
         Console().print(f"updated {DOCS}")
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from vioapr.cli.console import progress
-from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
+from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases
 from vioapr.evaluation.walks import Case, find_walks, load_cases
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.methods import METHODS
@@ -95,13 +95,19 @@ def run_consensus(cases: Sequence[Case], **params: Any) -> list[FusedWalk]:
     )
 
 
-def measure_others(cases: Sequence[Case]) -> dict[str, dict[tuple[str, ...], NDArray]]:
-    """What the goals compare with, in the same run."""
+def run_others(cases: Sequence[Case]) -> tuple[list[Result], list[Result]]:
+    """What the goals compare with, in the same run: VIO-APR and iSAM2."""
     names = ("vio-apr", "pose-graph")
     params = {name: METHODS[name].params_type() for name in names}
     with progress("fusing by the others", count_ticks(cases, list(names))) as tick:
         results = evaluate_cases(cases, params, tick=tick)
-    paper, graph = results[: len(cases)], results[len(cases) :]
+    return results[: len(cases)], results[len(cases) :]
+
+
+def figures_of_others(
+    cases: Sequence[Case], paper: Sequence[Result], graph: Sequence[Result]
+) -> dict[str, dict[tuple[str, ...], NDArray]]:
+    """Their figures, by what the goals ask for."""
     chosen, everywhere = [], []
     for result in paper:
         errors = (result.errors.position_m, result.errors.orientation_deg)
@@ -225,7 +231,7 @@ def _percent(values: Sequence[float] | NDArray[np.float64]) -> str:
 
 
 def risk_table(
-    cases: Sequence[Case], fused: Sequence[FusedWalk], results: Sequence[Any]
+    cases: Sequence[Case], fused: Sequence[FusedWalk], results: Sequence[Result]
 ) -> tuple[str, dict[str, Any]]:
     """Mean errors of the most certain frames, and VIO-APR's keyframes at the same coverage."""
     rows = []
@@ -300,9 +306,9 @@ def main() -> None:
     ours = by_group(
         cases, [figures_of(errors_of(*pair)) for pair in zip(cases, fused, strict=True)]
     )
-    paper = evaluate_cases(cases, {"vio-apr": METHODS["vio-apr"].params_type()})
+    paper, graph = run_others(cases)
     sections = {
-        "goals": goal_table(ours, measure_others(cases)),
+        "goals": goal_table(ours, figures_of_others(cases, paper, graph)),
         "calibration": calibration_table(cases, fused),
         "risk": risk_table(cases, fused, paper),
         "smoothing": smoothing_table(cases, fused),

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import FusedWalk, fuse_walks
-from vioapr.fusion.pairing import PairedFrames
+from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import SimulatedWalk, WalkParams, simulate_walk
+from vioapr.recording.simulated_walk import WalkParams, simulate_walk
 
 DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
 METHOD_NAMES = ("consensus", "vio-apr")
@@ -173,24 +173,15 @@ FAULTS = (
 )
 
 
-def make_walk(seed: int) -> tuple[SimulatedWalk, Faulty]:
+def make_walk(seed: int) -> Faulty:
     """A walk without faults."""
     walk = simulate_walk(WALK, seed)
-    count = len(walk.gt)
-    frames = FrameInput(
-        walk.gt.timestamps_s,
-        walk.apr.target_from_source,
-        np.ones(count, dtype=bool),
-        walk.vio.target_from_source,
-        np.ones(count, dtype=bool),
-        np.zeros(count, dtype=bool),
-    )
-    return walk, Faulty(frames, walk.gt.target_from_source)
+    return Faulty(pair_frames(walk.apr, walk.vio).inputs, walk.gt.target_from_source)
 
 
 def spoil(fault: Fault, seed: int) -> Faulty:
     """A walk with a fault."""
-    _, walk = make_walk(seed)
+    walk = make_walk(seed)
     times = walk.frames.timestamp_s - walk.frames.timestamp_s[0]
     begin = 0.0 if fault.seconds == WALK.duration_s else START_S
     during = (times >= begin) & (times <= begin + fault.seconds)
@@ -242,7 +233,7 @@ def measure() -> list[dict]:
         def fuse(walks: list[Faulty], method=method, params=params) -> list[FusedWalk]:
             return fuse_walks(method, params, [PairedFrames(w.frames) for w in walks], view="live")
 
-        cleans = [make_walk(seed)[1] for seed in range(SEEDS)]
+        cleans = [make_walk(seed) for seed in range(SEEDS)]
         fused_cleans = fuse(cleans)
         for fault in FAULTS:
             faulty = [spoil(fault, seed) for seed in range(SEEDS)]
