@@ -19,8 +19,10 @@ from vioapr.cli.fuse import fuse
 from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
 from vioapr.cli.map_scene import map_
+from vioapr.cli.predict import predict
 from vioapr.cli.scene import scene_check, scene_info
 from vioapr.cli.simulate import simulate_courtyard
+from vioapr.cli.train import train
 from vioapr.cli.vio_quality import vio_quality
 from vioapr.errors import VioAprError
 
@@ -34,6 +36,8 @@ VERBS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "map": map_,
     "vio-quality": vio_quality,
+    "train": train,
+    "predict": predict,
     "simulate courtyard": simulate_courtyard,
     "demo": demo,
 }
