@@ -113,10 +113,11 @@ _TEST = (
 def plan_recordings(params: CourtyardParams) -> list[Plan]:
     """Routes and weathers in turn; the second recording loses track, the third jumps.
 
-    Of a single recording both happen to that one.
+    Of a single recording both happen to that one. Once all routes have been walked, they are
+    walked the other way round, in other weathers.
     """
-    chosen = [("train", *_TRAIN[i % len(_TRAIN)]) for i in range(params.train)]
-    chosen += [("test", *_TEST[i % len(_TEST)]) for i in range(params.test)]
+    chosen = [("train", *_in_turn(_TRAIN, i)) for i in range(params.train)]
+    chosen += [("test", *_in_turn(_TEST, i)) for i in range(params.test)]
     loses, jumps = min(1, len(chosen) - 1), min(2, len(chosen) - 1)
     plans = []
     for number, (split, route, backwards, weather) in enumerate(chosen):
@@ -128,6 +129,14 @@ def plan_recordings(params: CourtyardParams) -> list[Plan]:
         id_ = f"{split}-{within + 1:02d}"
         plans.append(Plan(id_, split, number, route, backwards, weather, mishaps))
     return plans
+
+
+def _in_turn(table: tuple[tuple[str, bool, str], ...], i: int) -> tuple[str, bool, str]:
+    """Route, whether backwards, and weather of the i-th recording."""
+    rounds, row = divmod(i, len(table))
+    route, backwards, _ = table[row]
+    _, _, weather = table[(row + rounds) % len(table)]
+    return route, backwards ^ bool(rounds % 2), weather
 
 
 def plan_motion(plan: Plan, params: CourtyardParams, seed: int) -> Motion:

@@ -1,0 +1,248 @@
+"""The training loop: it learns, resumes bit-equal, and says what went wrong."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tests.regression.toy import make_scene, params, spec
+
+from vioapr.errors import FormatError, ParameterError, TrainingError
+from vioapr.regression import training
+from vioapr.regression.augmentation import AugmentationParams, middle_crop
+from vioapr.regression.batches import Batch, BatchSource, epoch_order
+from vioapr.regression.checkpoint import STATE_FILE, load, load_tensors
+from vioapr.regression.data import load_samples, split_frames
+from vioapr.regression.losses import LossParams
+from vioapr.regression.networks import build
+from vioapr.regression.networks.rotation import angle_rad
+from vioapr.regression.training import Learner, Run, set_units, train
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return make_scene(tmp_path_factory.mktemp("scenes") / "box", train=2, frames=32)
+
+
+@pytest.fixture(scope="module")
+def samples(scene):
+    first, second = split_frames([scene], "train")
+    return load_samples([scene], [first], 36), load_samples([scene], [second], 36)
+
+
+@pytest.fixture
+def make_run(samples, tmp_path):
+    def make(name="run", model="mobile", validates=True, **values):
+        run_spec = spec(model, **values.pop("spec", {}))
+        run_params = params(**values)
+        torch.manual_seed(run_params.seed)
+        network = build(run_spec)
+        set_units(network, samples[0])
+        checked = samples[1] if validates else None
+        return Run(run_spec, network, samples[0], checked, tmp_path / name, run_params)
+
+    return make
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["posenet", "mobile", "ms-transformer"])
+@pytest.mark.parametrize("loss", ["learnable", "geometric"])
+def test_every_model_can_learn_one_batch_by_heart(samples, model, loss):
+    torch.manual_seed(0)
+    chosen = np.arange(8)
+    network = build(spec(model, dropout=0.0))
+    set_units(network, samples[0])
+    learner = Learner(network, LossParams(loss=loss))
+    for module in network.modules():
+        if module.__class__.__name__ == "StochasticDepth":
+            module.probability = 0.0
+    optimizer = torch.optim.Adam([p for p in learner.parameters() if p.requires_grad], lr=5e-4)
+    position_m = torch.as_tensor(samples[0].position_m[chosen], dtype=torch.float32)
+    quat = torch.as_tensor(samples[0].quat_xyzw[chosen], dtype=torch.float32)
+    images = middle_crop(torch.from_numpy(samples[0].read(chosen)), 32)
+    batch = Batch(images, position_m, quat, torch.zeros(8, dtype=torch.int64))
+    for _ in range(150):
+        optimizer.zero_grad()
+        learner(batch).backward()
+        optimizer.step()
+    found = network.to_prediction(network.forward_raw(images))
+    off_m = torch.linalg.vector_norm(found.position_m - position_m, dim=-1)
+    spread_m = torch.linalg.vector_norm(position_m - position_m.mean(dim=0), dim=-1)
+    assert off_m.mean() < 0.15 * spread_m.mean()
+    assert torch.rad2deg(angle_rad(found.quat_xyzw, quat)).mean() < 3
+
+
+def weights_of(run):
+    return load_tensors(run.folder / STATE_FILE, "state")[0]
+
+
+@pytest.mark.parametrize("stopped_at", [1, 3, 5])
+def test_a_killed_run_goes_on_as_if_it_had_not_been(make_run, stopped_at):
+    whole = make_run("whole", epochs=3, spec={"dropout": 0.5})
+    train(whole)
+    killed = make_run("killed", epochs=3, spec={"dropout": 0.5})
+    steps = []
+
+    def tick():
+        steps.append(1)
+        if len(steps) == stopped_at:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(killed._replace(tick=tick))
+    has_state = (killed.folder / STATE_FILE).exists()
+    assert has_state == (stopped_at > 2)
+    again = make_run("killed", epochs=3, spec={"dropout": 0.5})
+    journal = train(again, resume=has_state)
+    expected, found = weights_of(whole), weights_of(again)
+    assert expected.keys() == found.keys()
+    assert all(torch.equal(expected[name], found[name]) for name in expected)
+    assert len(journal.epochs) == 3
+    mine, theirs = (load(run.folder).network.state_dict() for run in (whole, again))
+    assert all(torch.equal(mine[name], theirs[name]) for name in mine)
+
+
+def test_the_seed_decides(make_run):
+    runs = [make_run(f"run-{k}", epochs=1, seed=seed) for k, seed in enumerate((1, 1, 2))]
+    for run in runs:
+        train(run)
+    first, second, other = (weights_of(run) for run in runs)
+    name = "learner.network.heads.position.weight"
+    assert all(torch.equal(first[key], second[key]) for key in first)
+    assert not torch.equal(first[name], other[name])
+
+
+def test_the_best_epoch_is_kept(make_run, monkeypatch):
+    scores = iter([3.0, 1.0, 2.0])
+    factors = {"sigma_position": 2.0, "sigma_orientation": 3.0}
+
+    def validate(*_):
+        return {"score": next(scores), "position_m": 1.0, "orientation_deg": 1.0, **factors}
+
+    monkeypatch.setattr(training, "validate", validate)
+    run = make_run(epochs=3)
+    assert train(run).best == 1
+    loaded = load(run.folder)
+    assert loaded.trained["epoch"] == 2
+    # Stated uncertainties grow by what validation found; training goes on without.
+    expected = 2**0.5 * torch.tensor([2.0, 3.0])
+    torch.testing.assert_close(loaded.network.sigma_scale, expected)
+    torch.testing.assert_close(run.network.sigma_scale, torch.full((2,), 2**0.5))
+
+
+def test_without_validation_the_last_epoch_is_kept(make_run):
+    run = make_run(validates=False, epochs=2)
+    train(run)
+    assert load(run.folder).trained["epoch"] == 2
+
+
+def test_patience(make_run, monkeypatch):
+    scores = iter([1.0, 2.0, 3.0, 4.0, 5.0])
+    factors = dict.fromkeys(
+        ("sigma_position", "sigma_orientation", "position_m", "orientation_deg"), 1.0
+    )
+    monkeypatch.setattr(training, "validate", lambda *_: {"score": next(scores), **factors})
+    assert len(train(make_run(epochs=5, patience=2)).epochs) == 3
+
+
+def test_a_loss_that_is_no_number(make_run):
+    run = make_run(epochs=3, lr=1e12)
+    with pytest.raises(TrainingError, match=r"not a number in epoch \d, step \d.*lower --lr"):
+        train(run)
+    good = make_run("good", epochs=1)
+    train(good)
+    state = (good.folder / STATE_FILE).read_bytes()
+    bad = good._replace(params=dataclasses.replace(good.params, epochs=2))
+    with torch.no_grad():
+        bad.samples.position_m[0] *= np.nan
+    try:
+        with pytest.raises(ParameterError, match="images and poses, they have changed"):
+            train(
+                bad._replace(samples=dataclasses.replace(bad.samples, fingerprint="x")),
+                resume=True,
+            )
+    finally:
+        bad.samples.position_m[0] = 0.0
+    assert (good.folder / STATE_FILE).read_bytes() == state
+
+
+def test_out_of_memory(make_run, monkeypatch):
+    def forward(*_):
+        raise RuntimeError("DefaultCPUAllocator: not enough memory: you tried to allocate 9 bytes")
+
+    monkeypatch.setattr(Learner, "forward", forward)
+    with pytest.raises(TrainingError, match="batch of 16 images of 32 pixels: try --batch-size 8"):
+        train(make_run())
+
+
+def test_runs_are_not_overwritten_or_mixed(make_run):
+    run = make_run(epochs=1)
+    with pytest.raises(FormatError, match="to resume, found none"):
+        train(run, resume=True)
+    train(run)
+    with pytest.raises(ParameterError, match="--resume goes on with it"):
+        train(make_run(epochs=1))
+    with pytest.raises(ParameterError, match="same params, lr differ: 0.001 then, 0.01 now"):
+        train(make_run(epochs=1, lr=0.01), resume=True)
+    with pytest.raises(ParameterError, match="same spec, model differ: mobile then, posenet now"):
+        train(make_run(epochs=1, model="posenet"), resume=True)
+    (run.folder / STATE_FILE).write_bytes(b"half")
+    with pytest.raises(FormatError, match="broken or half-written"):
+        train(make_run(epochs=1), resume=True)
+
+
+def test_turns_need_intrinsics(make_run, samples):
+    unknown = dataclasses.replace(samples[0], camera=samples[0].camera * np.nan)
+    run = make_run(augmentation=AugmentationParams(turn_deg=5))._replace(samples=unknown)
+    with pytest.raises(TrainingError, match="expected known intrinsics"):
+        train(run)
+
+
+def test_tensorboard_logs_are_written(make_run):
+    run = make_run(epochs=1)
+    train(run)
+    assert list((run.folder / "tensorboard").glob("events.out.tfevents*"))
+
+
+def test_every_image_comes_at_most_once_an_epoch():
+    batches = epoch_order(20, 8, seed=1, epoch=0)
+    assert [len(batch) for batch in batches] == [8, 8]
+    assert len(np.unique(np.concatenate(batches))) == 16
+    assert not np.array_equal(batches[0], epoch_order(20, 8, seed=1, epoch=1)[0])
+    assert [len(batch) for batch in epoch_order(5, 8, seed=1, epoch=0)] == [5]
+
+
+def test_processes_share_a_batch(samples):
+    """Two halves, drawn by two processes, are the batch that one process draws."""
+    sources = [
+        BatchSource(samples[0], 32, AugmentationParams(), 16, 5, torch.device("cpu"), part)
+        for part in ((0, 1), (0, 2), (1, 2))
+    ]
+    whole, *halves = (next(iter(source.epoch(2))) for source in sources)
+    for mine, first, second in zip(whole, *halves, strict=True):
+        assert torch.equal(mine, torch.cat([first, second]))
+
+
+@pytest.mark.parametrize(
+    ("schedule", "rates"),
+    [
+        ("constant", [1.0, 1.0, 1.0, 1.0]),
+        ("step", [1.0, 0.1, 0.01, 0.01]),
+        ("cosine", [0.1, 0.7643, 0.2832, 0.0]),
+    ],
+)
+def test_schedules(schedule, rates):
+    """At the beginning, after a third, two thirds, and at the very end."""
+    run = params(lr=1.0, schedule=schedule)
+    found = [run.lr_at(step, 300) for step in (0, 100, 200, 299.99)]
+    np.testing.assert_allclose(found, rates, atol=2e-4)
+
+
+def test_odd_parameters():
+    for values, text in (
+        ({"epochs": 0}, "epochs: expected at least 1"),
+        ({"lr": 0.0}, "lr: expected a number above 0"),
+        ({"batch_size": 15, "devices": 2}, "multiple of the 2 devices"),
+    ):
+        with pytest.raises(ParameterError, match=text):
+            params(**values)
