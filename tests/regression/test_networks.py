@@ -89,7 +89,9 @@ def test_dropout_works_in_training_only(model):
         if isinstance(module, torch.nn.BatchNorm2d):
             module.momentum = 0.0  # so that only dropout can make a difference
     network.train()
-    assert not torch.equal(network.forward_raw(images).position, network.forward_raw(images).position)
+    assert not torch.equal(
+        network.forward_raw(images).position, network.forward_raw(images).position
+    )
     network.eval()
     first, second = (network.forward_raw(images) for _ in range(2))
     assert torch.equal(first.position, second.position)
