@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from rich.box import SIMPLE_HEAD
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -14,6 +15,7 @@ from rich.text import Text
 from vioapr.cli.console import console, error_console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.reproduction.datasets import DATA_SETS
+from vioapr.reproduction.plan import TRAININGS_FOLDER
 from vioapr.reproduction.recipes import MODELS, Overrides
 from vioapr.reproduction.report import Report, TextTable, write_report
 from vioapr.reproduction.reproduce import Request, reproduce
@@ -35,6 +37,8 @@ class Options:
     """Size to which images are resized, pixels."""
     crop: int | None = None
     """Size of the part that the networks see, pixels."""
+    lr: float | None = None
+    """Learning rate at the start, of both networks."""
     seed: int | None = None
     """Of everything random."""
     weights_posenet: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -86,7 +90,7 @@ def reproduce_cambridge(data: Path, out: Path, options: _Options = Options()) ->
 def _reproduce(name: str, data: Path, out: Path, options: Options) -> None:
     require_torch("vioapr reproduce")
     overrides = Overrides(
-        options.epochs, options.batch_size, options.resize, options.crop, options.seed
+        options.epochs, options.batch_size, options.resize, options.crop, options.lr, options.seed
     )
     weights = {
         "posenet": options.weights_posenet,
@@ -100,6 +104,9 @@ def _reproduce(name: str, data: Path, out: Path, options: Options) -> None:
     print_report(report)
     for path in write_report(report, out):
         console.print(f"written: {path}", soft_wrap=True)
+    if DATA_SETS[name].has_tracker:
+        walks = out / TRAININGS_FOLDER
+        console.print(f"figures: vioapr evaluate {walks} --report {out / 'report'}", soft_wrap=True)
 
 
 def _split(names: str) -> tuple[str, ...]:
@@ -122,10 +129,12 @@ def print_report(report: Report) -> None:
 
 
 def _make_table(table: TextTable) -> Table:
-    drawn = Table(title=table.title, title_justify="left")
+    drawn = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, show_edge=False)
     is_text = {"frames", "scene"}
     for header in table.header:
-        drawn.add_column(header, justify="left" if header in is_text else "right")
+        justify = "left" if header in is_text else "right"
+        # A figure that is cut off would be another figure.
+        drawn.add_column(header, justify=justify, overflow="fold")
     for section in table.sections:
         for row in section:
             drawn.add_row(*row)

@@ -125,9 +125,9 @@ def _lines(
                   printed.get(scene, {}).get(model))
             for scene in scenes
         ]  # fmt: skip
-        yield from lines
         if table["kind"] == "median":
-            yield _average(lines, printed.get(AVERAGE, {}).get(model))
+            lines.append(_average(lines, printed.get(AVERAGE, {}).get(model)))
+        yield from (line for line in lines if line.raw.ours or line.raw.paper or line.share.ours)
 
 
 def _line(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -67,6 +68,7 @@ class Overrides:
     batch_size: int | None = None
     resize: int | None = None
     crop: int | None = None
+    lr: float | None = None
     seed: int | None = None
 
     def apply(self, recipe: Recipe) -> Recipe:
@@ -77,8 +79,14 @@ class Overrides:
         """
         given = {name: value for name, value in vars(self).items() if value is not None}
         changed = replace(recipe, **given)
-        if min(changed.epochs, changed.batch_size) < 1 or changed.seed < 0:
-            raise ParameterError("--epochs and --batch-size: expected at least 1; --seed: 0")
+        for name, least in (("epochs", 1), ("batch_size", 1), ("seed", 0)):
+            if getattr(changed, name) < least:
+                flag = "--" + name.replace("_", "-")
+                raise ParameterError(
+                    f"{flag}: expected at least {least}, got {getattr(changed, name)}"
+                )
+        if not 0 < changed.lr < math.inf:
+            raise ParameterError(f"--lr: expected a number above 0, got {changed.lr}")
         if not 32 <= changed.crop <= changed.resize <= 4096:
             raise ParameterError(
                 f"expected 32 <= crop <= resize <= 4096 pixels, got --crop {changed.crop} and "

@@ -14,6 +14,11 @@ from vioapr.reproduction.comparison import ALL_FRAMES, Comparison, Figures, Kind
 from vioapr.reproduction.recipes import MODELS
 from vioapr.reproduction.references import ReferenceLine
 
+_LABELS = {
+    "only keyframes": "keyframes",
+    "only optimized": "optimized",
+    "keyframes + optimized": "both",
+}
 MARKDOWN_FILE, JSON_FILE = "reproduction.md", "reproduction.json"
 
 
@@ -63,11 +68,11 @@ def comparison_table(comparison: Comparison) -> TextTable:
     is_printed = ("paper",) if kind == "levels" else ()
     header = (
         "frames", "scene", name, "paper", "difference", f"{name}^vio", "paper", "difference",
-        "share %", *is_printed, f"{name}, same frames",
+        "share %", *is_printed, "raw, same",
     )  # fmt: skip
     sections: dict[str, list[tuple[str, ...]]] = {}
     for line in comparison.lines:
-        label = f"{line.subset}: {line.method}" if line.subset == ALL_FRAMES else line.subset
+        label = f"all: {line.method}" if line.subset == ALL_FRAMES else _LABELS[line.subset]
         rows = sections.setdefault(label, [])
         rows.append(("" if rows else label, *_cells(line, kind)))
     title = f"Table {comparison.number}, {comparison.place} scenes, {name}: {what}"

@@ -147,7 +147,12 @@ def _scene_notes(
         if scene.excluded:
             ids = ", ".join(scene.excluded)
             yield f"{name}: recordings left out, as their tracker diverges: {ids}"
-    if not data_set.has_tracker:
+    if data_set.has_tracker:
+        yield (
+            "figures are over all test frames of a scene, as the paper's; share: of them, which the "
+            "fused figures count; raw, same: the regressor alone on those very frames"
+        )
+    else:
         yield "no tracker's poses in this data set: nothing to fuse, so these are raw medians"
 
 
