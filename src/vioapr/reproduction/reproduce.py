@@ -149,8 +149,8 @@ def _scene_notes(
             yield f"{name}: recordings left out, as their tracker diverges: {ids}"
     if data_set.has_tracker:
         yield (
-            "figures are over all test frames of a scene, as the paper's; share: of them, which the "
-            "fused figures count; raw, same: the regressor alone on those very frames"
+            "figures are over all test frames of a scene, as the paper's; share: part of them "
+            "that the fused figures count; raw, same: the regressor alone on those very frames"
         )
     else:
         yield "no tracker's poses in this data set: nothing to fuse, so these are raw medians"
