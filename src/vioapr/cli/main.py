@@ -20,6 +20,7 @@ from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
 from vioapr.cli.map_scene import map_
 from vioapr.cli.predict import predict
+from vioapr.cli.reproduce import reproduce_7scenes, reproduce_cambridge, reproduce_marvin
 from vioapr.cli.scene import scene_check, scene_info
 from vioapr.cli.simulate import simulate_courtyard
 from vioapr.cli.train import train
@@ -38,6 +39,9 @@ VERBS: dict[str, Callable[..., Any]] = {
     "vio-quality": vio_quality,
     "train": train,
     "predict": predict,
+    "reproduce marvin": reproduce_marvin,
+    "reproduce 7scenes": reproduce_7scenes,
+    "reproduce cambridge": reproduce_cambridge,
     "simulate courtyard": simulate_courtyard,
     "demo": demo,
 }

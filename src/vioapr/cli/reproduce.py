@@ -1,0 +1,142 @@
+"""`vioapr reproduce`: published results, from a published data set, in one command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.box import SIMPLE_HEAD
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from vioapr.cli.console import console, error_console, progress
+from vioapr.cli.torch_extra import require_torch
+from vioapr.reproduction.datasets import DATA_SETS
+from vioapr.reproduction.plan import TRAININGS_FOLDER
+from vioapr.reproduction.recipes import MODELS, Overrides
+from vioapr.reproduction.report import Report, TextTable, write_report
+from vioapr.reproduction.reproduce import Request, reproduce
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be otherwise than published; what is not given is as published."""
+
+    scenes: str = ""
+    """Only these scenes, separated by commas."""
+    models: str = ",".join(MODELS)
+    """Networks to train, separated by commas."""
+    epochs: int | None = None
+    """Times that every image is seen, of both networks."""
+    batch_size: int | None = None
+    """Images a step, of both networks."""
+    resize: int | None = None
+    """Size to which images are resized, pixels."""
+    crop: int | None = None
+    """Size of the part that the networks see, pixels."""
+    lr: float | None = None
+    """Learning rate at the start, of both networks."""
+    seed: int | None = None
+    """Of everything random."""
+    weights_posenet: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Pretrained weights of ResNet-34, with torchvision's names."""
+    weights_ms_transformer: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Pretrained weights of EfficientNet-B0, with torchvision's names."""
+
+
+_Options = tyro.conf.OmitArgPrefixes[Options]
+
+
+def reproduce_marvin(data: Path, out: Path, options: _Options = Options()) -> None:
+    """The paper's Tables 2-5 on MARViN, ours beside the printed figures.
+
+    Imports the data set, trains PoseNet for every scene and MS-Transformer for all scenes
+    outdoors and all indoors, predicts the test recordings, fuses. Stopped, it goes on where it
+    was. The tables also go to OUT/reproduction.md and .json.
+
+    Args:
+        data: Folder that holds the scenes' folders.
+        out: Folder for everything that is made.
+        options: What may be otherwise.
+    """
+    _reproduce("marvin", data, out, options)
+
+
+def reproduce_7scenes(data: Path, out: Path, options: _Options = Options()) -> None:
+    """Raw medians on 7-Scenes beside published ones.
+
+    Args:
+        data: Folder that holds the scenes' folders.
+        out: Folder for everything that is made.
+        options: What may be otherwise.
+    """
+    _reproduce("7scenes", data, out, options)
+
+
+def reproduce_cambridge(data: Path, out: Path, options: _Options = Options()) -> None:
+    """Raw medians on Cambridge Landmarks beside published ones.
+
+    Args:
+        data: Folder that holds the scenes' folders.
+        out: Folder for everything that is made.
+        options: What may be otherwise.
+    """
+    _reproduce("cambridge", data, out, options)
+
+
+def _reproduce(name: str, data: Path, out: Path, options: Options) -> None:
+    require_torch("vioapr reproduce")
+    overrides = Overrides(
+        options.epochs, options.batch_size, options.resize, options.crop, options.lr, options.seed
+    )
+    weights = {
+        "posenet": options.weights_posenet,
+        "ms-transformer": options.weights_ms_transformer,
+    }
+    request = Request(
+        DATA_SETS[name], data, out, _split(options.scenes), _split(options.models), overrides,
+        weights,
+    )  # fmt: skip
+    report = reproduce(request, progress, _say)
+    print_report(report)
+    for path in write_report(report, out):
+        console.print(f"written: {path}", soft_wrap=True)
+    if DATA_SETS[name].has_tracker:
+        walks = out / TRAININGS_FOLDER
+        console.print(f"figures: vioapr evaluate {walks} --report {out / 'report'}", soft_wrap=True)
+
+
+def _split(names: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in names.split(",") if name.strip())
+
+
+def _say(text: str) -> None:
+    error_console.print(Text(text), soft_wrap=True)
+
+
+def print_report(report: Report) -> None:
+    """Differences first, as nobody may miss them; then notes and tables."""
+    if report.differences:
+        listed = Text("\n".join(f"- {text}" for text in report.differences))
+        console.print(Panel(listed, title=report.warning, border_style="yellow"))
+    for note in report.notes:
+        console.print(Text(note), soft_wrap=True)
+    for table in report.tables:
+        console.print(_make_table(table))
+
+
+def _make_table(table: TextTable) -> Table:
+    drawn = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, show_edge=False)
+    is_text = {"frames", "scene"}
+    for header in table.header:
+        justify = "left" if header in is_text else "right"
+        # A figure that is cut off would be another figure.
+        drawn.add_column(header, justify=justify, overflow="fold")
+    for section in table.sections:
+        for row in section:
+            drawn.add_row(*row)
+        drawn.add_section()
+    return drawn
