@@ -28,7 +28,7 @@ class MappingParams:
             recordings do not know.
         min_inliers: Points that must agree before an image of a test recording is registered.
         allow_partial: Go on with the largest model where recordings share no view.
-        threads: Processor threads; -1 for all.
+        threads: Processor threads; -1 for all. With one, the same map comes out every time.
         seed: Of all random draws.
     """
 
