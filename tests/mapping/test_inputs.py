@@ -50,6 +50,13 @@ def test_recordings_are_thinned(scene):
     assert len(collect_images(at_the_rate, 3.0).rows_of("b")) == 5
 
 
+def test_a_tracker_begins_anew_between_the_images_that_are_kept(scene):
+    states = [Tracking.NORMAL] * 4 + [Tracking.RESET] + [Tracking.NORMAL] * 4
+    images = collect_images(record(scene, "a", "train", frames=9, states=states), 3.0)
+    assert images.frame_row.tolist() == [0, 3, 6]
+    assert images.tracking_world.tolist() == [0, 0, 1]
+
+
 def test_autofocus_is_one_camera_and_zoom_another(scene):
     def focal(f):
         return Intrinsics(320, 240, f, f, 160, 120)

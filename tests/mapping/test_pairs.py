@@ -38,9 +38,9 @@ def test_neighbours_in_space_look_the_same_way():
     x = [0, 1, 2, 3, 30, 2.1, 1.1]
     quats = [FORWARD] * 5 + [FORWARD, BACKWARD]
     images = images_at(x, quats=quats)
-    found = pairs.spatial_pairs(images, np.arange(7), 1, apart=2)
+    found = pairs.spatial_pairs(images, np.arange(7), images.vio_from_cam, 1, apart=2)
     assert pairs.unique_pairs(found).tolist() == [[0, 3], [0, 5], [1, 5], [2, 5]]
-    assert len(pairs.spatial_pairs(images, np.arange(7), 0, apart=2)) == 0
+    assert len(pairs.spatial_pairs(images, np.arange(7), images.vio_from_cam, 0, apart=2)) == 0
 
 
 def test_images_that_look_alike_across_worlds():
@@ -65,9 +65,26 @@ def test_alike_images_of_one_world_must_be_possible_by_vio():
 def test_no_pair_comes_twice():
     images = images_at(np.arange(12) % 6 / 2, recording=[0] * 6 + [1] * 6, world=[0] * 6 + [1] * 6)
     likeness = np.ones((12, 12), dtype=np.float32)
-    found = pairs.training_pairs(images, np.arange(12), likeness, MappingParams())
-    assert len(np.unique(found, axis=0)) == len(found)
-    assert (found[:, 0] < found[:, 1]).all()
+    rows, params = np.arange(12), MappingParams()
+    for found in (
+        pairs.first_pairs(images, rows, likeness, params),
+        pairs.near_pairs(images, rows, images.vio_from_cam, np.zeros(12, dtype=np.intp), params),
+    ):
+        assert len(np.unique(found, axis=0)) == len(found) > 0
+        assert (found[:, 0] < found[:, 1]).all()
+
+
+def test_near_images_of_one_world():
+    """Two walks on one line; only in one world is it known that they are near each other."""
+    images = images_at([0, 1, 2, 0, 1, 2], recording=[0] * 3 + [1] * 3, world=[0] * 3 + [1] * 3)
+    poses, rows = images.vio_from_cam, np.arange(6)
+    params = MappingParams(sequential=2, spatial=1)
+    together = pairs.near_pairs(images, rows, poses, np.zeros(6, dtype=np.intp), params)
+    assert together.tolist() == [[0, 3], [1, 4], [2, 5]]
+    assert len(pairs.near_pairs(images, rows, poses, images.tracking_world, params)) == 0
+    poses.translation_m[4] = np.nan
+    together = pairs.near_pairs(images, rows, poses, np.zeros(6, dtype=np.intp), params)
+    assert 4 not in together
 
 
 def test_queries_get_their_best():

@@ -11,10 +11,10 @@ from PIL import Image
 from room import QUICK, add_recording, own_world, vio_of, walk, wall_textures
 from vioapr.errors import FormatError, MappingError
 from vioapr.evaluation.map_report import write_map_report
-from vioapr.evaluation.vio_quality import align_track
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.colmap_binary import read as read_model
 from vioapr.geometry import quaternion, rigid
+from vioapr.geometry.averaging import mean_quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
@@ -25,12 +25,17 @@ pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 
 
 def true_from_map(scene, truth):
+    """By orientations and the median position: a fit of positions on so short arcs would be turned
+    by half a degree by their last image, which few others see."""
     found = {id_: scene.gt(id_) for id_ in truth}
     maps, truths = (
         Rigid3(*(np.concatenate(parts) for parts in zip(*poses, strict=True)))
         for poses in ([gt.target_from_source for gt in side.values()] for side in (found, truth))
     )
-    return align_track(maps, truths), found
+    turns = quaternion.multiply(truths.quat_xyzw, quaternion.inverse(maps.quat_xyzw))
+    turn = mean_quaternion(turns, np.ones(len(turns)))
+    offsets = truths.translation_m - quaternion.rotate(turn, maps.translation_m)
+    return Rigid3(np.median(offsets, axis=0), turn), found
 
 
 def test_the_map_is_metric_level_and_exact(mapped_room):
@@ -42,10 +47,9 @@ def test_the_map_is_metric_level_and_exact(mapped_room):
         poses = placed @ gt.target_from_source
         off_m = rigid.distance_m(poses, truth[id_].target_from_source)
         assert np.median(off_m) < 0.01
-        # Eight small pictures a recording: COLMAP's threads alone make runs differ by 0.1 deg.
-        assert np.median(rigid.angle_deg(poses, truth[id_].target_from_source)) < 0.5
+        assert np.median(rigid.angle_deg(poses, truth[id_].target_from_source)) < 0.2
     up = quaternion.rotate(placed.quat_xyzw, np.array([0.0, 0.0, 1.0]))
-    assert np.degrees(np.arccos(up[2])) < 0.3
+    assert np.degrees(np.arccos(up[2])) < 0.15
     assert [s["relative"] for s in summary["world"]["scales"]] == pytest.approx(
         [1.01, 0.99], abs=0.008
     )

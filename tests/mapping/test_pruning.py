@@ -2,97 +2,121 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from court import COUNT, crossing_rows, make_court, sequential_rows
 from vioapr.geometry.rigid import Rigid3
-from vioapr.mapping.inputs import MapImages
-from vioapr.mapping.pruning import PairRotations, contradicted, tilt_deg
+from vioapr.mapping.pruning import prune_pairs, tilt_deg
+
+pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+
+FOCAL, WIDTH, HEIGHT = 300.0, 480, 360
 
 
-def about_up(degrees):
-    return Rotation.from_euler("y", degrees, degrees=True)
+def wall_points(rng, truth, row):
+    """Points on the wall that an image looks at, some metres about where it looks."""
+    depth = rng.uniform(6.0, 9.0, 60)
+    rays = np.column_stack([rng.uniform(-0.5, 0.5, (60, 2)), np.ones(60)])
+    return truth.at(row).apply(rays * depth[:, None])
 
 
-def two_worlds(rng, is_level=True, count=40):
-    """A camera that turns about, seen in two tracking worlds of different headings.
-
-    Returns the images and the true orientations in a common y-up world.
-    """
-    yaw = rng.uniform(0, 360, count)
-    tilt = rng.uniform(-20, 20, count)
-    true = about_up(yaw[:, None]) * Rotation.from_euler("x", 180 + tilt[:, None], degrees=True)
-    world = np.repeat([0, 1], count // 2)
-    own_heading = about_up(np.where(world == 0, 15.0, -80.0)[:, None])
-    zeros, yes = np.zeros(count, dtype=np.intp), np.ones(count, dtype=bool)
-    positions = 10 * rng.standard_normal((count, 3))
-    images = MapImages(
-        tuple(f"{k}.jpg" for k in range(count)), world, ("a", "b"), np.arange(count) * 1.0, world,
-        Rigid3(positions, (own_heading * true).as_quat()), yes, yes, np.full(count, is_level),
-        zeros, (), "", np.arange(count), {},
-    )  # fmt: skip
-    return images, true
+def pixels(points, world_from_cam: Rigid3):
+    seen = world_from_cam.inverse().apply(points)
+    return FOCAL * seen[:, :2] / seen[:, 2:] + [WIDTH / 2, HEIGHT / 2]
 
 
-def pairs_of(true, rows, wrong=None):
-    """True relative rotations; `wrong` turns the first camera of each in the world."""
-    first, second = rows.T
-    turned = true[first] if wrong is None else wrong * true[first]
-    relative = (true[second].inv() * turned).as_quat()
-    return PairRotations(rows, np.full(len(rows), 50), relative)
+def write_database(path, rng, images, truth, pairs):
+    """Matches of pairs of images; of those of `wrong`, one image looks at the next window."""
+    camera = pycolmap.Camera.create_from_model_name(1, "PINHOLE", FOCAL, WIDTH, HEIGHT)
+    keypoints = [np.zeros((0, 2))] * len(images)
+    geometries = []
+    for first, second, offset_m in pairs:
+        points = wall_points(rng, truth, first)
+        right = Rotation.from_quat(truth.quat_xyzw[second]).apply([offset_m, 0.0, 0.0])
+        ghost = Rigid3(truth.translation_m[second] + right, truth.quat_xyzw[second])
+        start = len(keypoints[first]), len(keypoints[second])
+        for row, pose in ((first, truth.at(first)), (second, ghost)):
+            seen = pixels(points, pose) + 0.3 * rng.standard_normal((60, 2))
+            keypoints[row] = np.concatenate([keypoints[row], seen])
+        geometries.append((first, second, np.arange(60)[:, None] + np.array(start)))
+    with pycolmap.Database.open(path) as database:
+        camera_id = database.write_camera(camera)
+        ids = [database.write_image(pycolmap.Image(name, camera_id=camera_id))
+               for name in images.names]  # fmt: skip
+        for id_, points in zip(ids, keypoints, strict=True):
+            database.write_keypoints(id_, points.astype(np.float32))
+        for first, second, matches in geometries:
+            geometry = pycolmap.estimate_calibrated_two_view_geometry(
+                camera, keypoints[first], camera, keypoints[second], matches.astype(np.uint32)
+            )
+            database.write_two_view_geometry(ids[first], ids[second], geometry)
+    return ids
 
 
-def some_rows(rng, world, other, count=30):
-    side = {0: np.arange(20), 1: np.arange(20, 40)}
-    rows = np.column_stack([rng.choice(side[world], count), rng.choice(side[other], count)])
-    return rows[rows[:, 0] != rows[:, 1]]
+def remaining(path, ids, rows):
+    """Which of the pairs still have matches."""
+    with pycolmap.Database.open(path) as database:
+        return [
+            len(database.read_two_view_geometry(ids[a], ids[b]).inlier_matches) > 0 for a, b in rows
+        ]
 
 
-@pytest.mark.parametrize("other", [0, 1])
-def test_true_pairs_are_kept(rng, other):
-    images, true = two_worlds(rng)
-    assert not contradicted(images, pairs_of(true, some_rows(rng, 0, other))).any()
+def test_the_next_window_is_found_out(rng, tmp_path):
+    """Within a walk and between walks; what is right stays."""
+    images, truth = make_court(rng)
+    crossing = crossing_rows(1)
+    loops = [(k, k + 5) for k in range(0, 35, 3)]
+    pairs = [(*row, 0.0) for row in sequential_rows()]
+    pairs += [(*row, 4.0 * (k % 3 == 0)) for k, row in enumerate(crossing)]
+    pairs += [(*row, -7.0 * (k % 2)) for k, row in enumerate(loops)]
+    path = tmp_path / "database.db"
+    ids = write_database(path, rng, images, truth, pairs)
+    rows = np.array([pair[:2] for pair in pairs])
+    is_wrong = np.array([pair[2] != 0 for pair in pairs])
+    ticks = []
+    count = prune_pairs(path, images, rows, rows[:0], 0, lambda: ticks.append(1))
+    kept = np.array(remaining(path, ids, rows))
+    assert not kept[is_wrong].any()
+    assert kept[~is_wrong].all()
+    assert (count, len(ticks)) == (int(is_wrong.sum()), len(pairs))
 
 
-def test_within_a_world_rotations_must_be_vios(rng):
-    images, true = two_worlds(rng)
-    rows = some_rows(rng, 0, 0)
-    assert contradicted(images, pairs_of(true, rows, about_up(90))).all()
-    assert not contradicted(images, pairs_of(true, rows, about_up(8))).any()
-    images.vio_from_cam.translation_m[:] = 0
-    images.vio_from_cam.quat_xyzw[:] = [0, 0, 0, 1]  # at one place, one way: sees the same
-    assert not contradicted(images, pairs_of(true, rows, about_up(90))).any()
+def test_only_what_is_asked_about_is_emptied(rng, tmp_path):
+    images, truth = make_court(rng)
+    pairs = [(*row, 0.0) for row in [*sequential_rows(), *crossing_rows(1)]]
+    pairs += [(0, 4, -6.0), (1, 5, -6.0)]
+    path = tmp_path / "database.db"
+    ids = write_database(path, rng, images, truth, pairs)
+    rows = np.array([pair[:2] for pair in pairs])
+    assert prune_pairs(path, images, rows[-1:], rows[:-1], 0, int) == 1
+    assert remaining(path, ids, rows[-2:]) == [True, False]
 
 
-def test_between_worlds_up_must_be_up(rng):
-    images, true = two_worlds(rng)
-    rows = some_rows(rng, 0, 1)
-    tilted = Rotation.from_euler("x", 10, degrees=True)
-    assert contradicted(images, pairs_of(true, rows, tilted)).all()
-    level, _ = two_worlds(np.random.default_rng(7), is_level=False)
-    assert not contradicted(level, pairs_of(true, rows, tilted)).any()
+def test_recordings_whose_pairs_agree_on_no_place(rng, tmp_path):
+    """Look-alikes all about: nothing but pairs of different windows."""
+    images, truth = make_court(rng)
+    far = [(k, COUNT + (k + 1) % COUNT) for k in range(0, COUNT, 8)]
+    pairs = [(*row, 0.0) for row in sequential_rows()]
+    pairs += [(*row, 9.0 * k - 18.0 + 2.0) for k, row in enumerate(far)]
+    path = tmp_path / "database.db"
+    ids = write_database(path, rng, images, truth, pairs)
+    rows = np.array([pair[:2] for pair in pairs])
+    prune_pairs(path, images, rows, rows[:0], 0, int)
+    assert not any(remaining(path, ids, far))
 
 
-def test_between_worlds_the_heading_of_most_matches_wins(rng):
-    """A third of the pairs are facades on the other side of the court: a half turn about up."""
-    images, true = two_worlds(rng)
-    rows = some_rows(rng, 0, 1)
-    is_wrong = np.arange(len(rows)) % 3 == 0
-    turns = about_up(np.where(is_wrong, 180.0, 0.0)[:, None])
-    assert contradicted(images, pairs_of(true, rows, turns)).tolist() == is_wrong.tolist()
-    few = pairs_of(true, rows[:2], turns[:2])._replace(inliers=np.array([20, 20]))
-    assert not contradicted(images, few).any()  # too few to say which of the two is right
-
-
-def test_no_pairs():
-    images, true = two_worlds(np.random.default_rng(0))
-    assert contradicted(images, pairs_of(true, np.zeros((0, 2), dtype=np.intp))).shape == (0,)
+def test_no_pairs(rng, tmp_path):
+    images, truth = make_court(rng)
+    write_database(tmp_path / "database.db", rng, images, truth, [])
+    nothing = np.zeros((0, 2), dtype=np.intp)
+    assert prune_pairs(tmp_path / "database.db", images, nothing, nothing, 0, int) == 0
 
 
 def test_tilt_of_poses(rng):
     """The world is z up; VIO's y up is turned onto it, then by 7 deg off."""
-    images, true = two_worlds(rng)
+    images, truth = make_court(rng)
     z_up = Rotation.from_euler("x", 90, degrees=True)
-    rows = np.arange(40)
-    right = Rigid3(np.zeros((40, 3)), (z_up * true).as_quat())
+    true = Rotation.from_quat(truth.quat_xyzw)
+    rows, nowhere = np.arange(len(images)), np.zeros((len(images), 3))
+    right = Rigid3(nowhere, (z_up * true).as_quat())
     assert tilt_deg(images, rows, right).max() < 1e-5
     off = Rotation.from_euler("y", 7, degrees=True) * z_up * true
-    wrong = Rigid3(np.zeros((40, 3)), off.as_quat())
-    np.testing.assert_allclose(tilt_deg(images, rows, wrong), 7, atol=1e-6)
+    np.testing.assert_allclose(tilt_deg(images, rows, Rigid3(nowhere, off.as_quat())), 7, atol=1e-6)

@@ -167,7 +167,8 @@ def _collect(
         [f"{recording.id}/{IMAGES_FOLDER}/{name}" for name in kept.image],
         np.full(len(kept), index),
         kept.timestamp_s,
-        kept.tracking_world.astype(np.intp),
+        # Counted over all frames: where the tracker began anew may be between those kept.
+        frames.tracking_world[rows].astype(np.intp),
         kept.vio_from_cam,
         kept.has_pose & (kept.tracking != Tracking.LIMITED) & (not recording.info.is_diverging),
         np.full(len(kept), recording.info.is_metric),

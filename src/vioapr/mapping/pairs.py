@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.geometry import quaternion
+from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.params import MappingParams
 
@@ -21,10 +22,10 @@ DRIFT_M, DRIFT_SHARE = 15.0, 0.1
 and this share of the way between them, allows that they see the same place."""
 
 
-def training_pairs(
+def first_pairs(
     images: MapImages, rows: NDArray[np.intp], likeness: NDArray[np.float32], params: MappingParams
 ) -> Pairs:
-    """All pairs of training images that are worth matching.
+    """Pairs of training images that follow each other, or look alike.
 
     Args:
         images: All images.
@@ -35,11 +36,36 @@ def training_pairs(
     Returns:
         Sorted, none twice.
     """
-    chosen = [sequential_pairs(images, rows, params.sequential)]
-    for world in np.unique(images.tracking_world[rows]):
-        members = rows[(images.tracking_world[rows] == world) & images.has_vio[rows]]
-        chosen.append(spatial_pairs(images, members, params.spatial, params.sequential))
-    chosen.append(loop_pairs(images, rows, likeness, params.loops, params.sequential))
+    sequential = sequential_pairs(images, rows, params.sequential)
+    alike = loop_pairs(images, rows, likeness, params.loops, params.sequential)
+    return unique_pairs(np.concatenate([sequential, alike]))
+
+
+def near_pairs(
+    images: MapImages,
+    rows: NDArray[np.intp],
+    world_from_cam: Rigid3,
+    world: NDArray[np.intp],
+    params: MappingParams,
+) -> Pairs:
+    """Pairs of training images that are near and look the same way.
+
+    Args:
+        images: All images.
+        rows: Those of the training recordings.
+        world_from_cam: Poses of all images, NaN where unknown.
+        world: The world that each is in.
+        params: How many for each image.
+
+    Returns:
+        Sorted, none twice.
+    """
+    is_known = np.isfinite(world_from_cam.translation_m[:, 0])
+    chosen = [np.zeros((0, 2), dtype=np.intp)]
+    for one in np.unique(world[rows]):
+        members = rows[(world[rows] == one) & is_known[rows]]
+        poses = world_from_cam.at(members)
+        chosen.append(spatial_pairs(images, members, poses, params.spatial, params.sequential))
     return unique_pairs(np.concatenate(chosen))
 
 
@@ -53,22 +79,26 @@ def sequential_pairs(images: MapImages, rows: NDArray[np.intp], count: int) -> P
     return np.concatenate(pairs)
 
 
-def spatial_pairs(images: MapImages, rows: NDArray[np.intp], count: int, apart: int) -> Pairs:
-    """Every image with the nearest that look its way, of one tracking world.
+def spatial_pairs(
+    images: MapImages, rows: NDArray[np.intp], world_from_cam: Rigid3, count: int, apart: int
+) -> Pairs:
+    """Every image with the nearest that look its way.
 
     Args:
         images: All images.
-        rows: Those of the tracking world, with VIO poses, in order of time.
+        rows: Those of one world.
+        world_from_cam: Their poses.
         count: So many for each image at most.
         apart: Images that follow each other this closely are matched anyway.
     """
-    positions = images.vio_from_cam.translation_m[rows]
-    views = viewing_directions(images.vio_from_cam.quat_xyzw[rows])
+    positions = world_from_cam.translation_m
+    views = viewing_directions(world_from_cam.quat_xyzw)
     pairs = [np.zeros((0, 2), dtype=np.intp)]
-    for k in range(len(rows)) if count else ():
+    for k, row in enumerate(rows) if count else ():
         cost = view_cost(positions, views, positions[k], views[k])
-        cost[max(k - apart, 0) : k + apart + 1] = np.inf
-        pairs.append(_with_best(rows, rows[k], -cost, count))
+        is_same = images.recording[rows] == images.recording[row]
+        cost[is_same & (np.abs(rows - row) <= apart)] = np.inf
+        pairs.append(_with_best(rows, row, -cost, count))
     return np.concatenate(pairs)
 
 

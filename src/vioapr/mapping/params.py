@@ -21,24 +21,24 @@ class MappingParams:
             before features are looked for.
         max_features: Features of an image at most.
         sequential: Every image is matched with so many that follow it in its recording,
-        spatial: so many that VIO says are near and look the same way, and
         loops: so many that look alike, of other recordings, other tracking worlds and other
-            times.
+            times, and
+        spatial: so many that are near and look the same way, by VIO and what was matched before.
         refine_intrinsics: Whether focal lengths are adjusted. auto: only those that the
             recordings do not know.
         min_inliers: Points that must agree before an image of a test recording is registered.
         allow_partial: Go on with the largest model where recordings share no view.
-        threads: Processor threads; -1 for all.
+        threads: Processor threads; -1 for all. With one, the same map comes out every time.
         seed: Of all random draws.
     """
 
     mapper: Literal["incremental", "global"] = "incremental"
     max_rate_hz: float = 3.0
     max_image_size: int = 1600
-    max_features: int = 4096
-    sequential: int = 8
+    max_features: int = 2048
+    sequential: int = 6
+    loops: int = 5
     spatial: int = 6
-    loops: int = 8
     refine_intrinsics: Literal["auto", "yes", "no"] = "auto"
     min_inliers: int = 30
     allow_partial: bool = False
@@ -52,7 +52,7 @@ class MappingParams:
                 raise ParameterError(f"{name}: expected at least {least}, got {value}")
         if not 0 <= self.max_rate_hz < float("inf"):
             raise ParameterError(f"max_rate_hz: expected at least 0, got {self.max_rate_hz}")
-        for name in ("sequential", "spatial", "loops"):
+        for name in ("sequential", "loops", "spatial"):
             if getattr(self, name) < 0:
                 raise ParameterError(f"{name}: expected at least 0, got {getattr(self, name)}")
         if self.sequential + self.spatial + self.loops == 0:

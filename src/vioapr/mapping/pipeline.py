@@ -19,16 +19,17 @@ from vioapr.mapping.isolation import run_isolated
 from vioapr.mapping.matching import MIN_INLIERS, count_inliers, find_islands, match_pairs
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.placing import place_model, poses_of_model
-from vioapr.mapping.pruning import prune_pairs
+from vioapr.mapping.pruning import locate, prune_pairs
 from vioapr.mapping.publishing import publish
 from vioapr.mapping.reconstruct import reconstruct
 from vioapr.mapping.registration import Registered, pairs_by_vio, register_images
 from vioapr.mapping.retrieval import describe_images
 from vioapr.mapping.steps import Steps
+from vioapr.mapping.two_view import read_geometries
 from vioapr.recording.scene import RECORDINGS_FOLDER, Scene
 
 WORK_FOLDER = ".mapping"
-LIKENESS_FILE = "likeness.npy"
+LIKENESS_FILE, PAIRS_FILE, ALL_PAIRS_FILE = "likeness.npy", "pairs.npy", "all_pairs.npy"
 Progress = Callable[[str, int], AbstractContextManager[Callable[[], object]]]
 
 
@@ -89,10 +90,11 @@ class _Mapping:
         )
         counts = self.steps.run(
             "matches",
-            [p.sequential, p.spatial, p.loops, p.seed],
+            [p.sequential, p.loops, p.seed],
             lambda resumed: self._match(broken, resumed),
         )
-        counts |= self.steps.run("pruning", [], lambda _: self._prune(broken))
+        counts["pairs"] += self.steps.run("near", [p.spatial], lambda _: self._match_near(broken))
+        counts |= self.steps.run("pruning", [], lambda _: self._prune())
         self._check_islands(counts["islands"])
         models = self.steps.run(
             "model", [p.mapper, p.refine_intrinsics], lambda _: self._reconstruct(broken)
@@ -127,21 +129,33 @@ class _Mapping:
             raise MappingError(f"expected at least 3 training images, got {len(rows)}")
         vectors = self._describe(np.arange(len(self.images)), broken)
         np.save(self.steps.folder / LIKENESS_FILE, vectors)
-        chosen = self._training_pairs(rows)
+        chosen = pairs.first_pairs(self.images, rows, vectors[rows] @ vectors[rows].T, self.params)
+        np.save(self.steps.folder / PAIRS_FILE, chosen)
         with self.progress("matching images", len(chosen)) as tick:
             run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
         return {"pairs": len(chosen)}
 
-    def _training_pairs(self, rows: NDArray[np.intp]) -> pairs.Pairs:
-        vectors = np.load(self.steps.folder / LIKENESS_FILE)
-        likeness = vectors[rows] @ vectors[rows].T
-        return pairs.training_pairs(self.images, rows, likeness, self.params)
+    def _match_near(self, broken: dict[str, str]) -> int:
+        """Match what is near, now that all tracking worlds are seen to be in one place."""
+        images, first = self.images, np.load(self.steps.folder / PAIRS_FILE)
+        with self.progress("joining recordings", len(first)) as tick:
+            found = read_geometries(self.database, images, first, tick)
+            located = locate(images, found, self.params.seed)
+        near = pairs.near_pairs(images, self._usable(self.train, broken), *located, self.params)
+        everything = pairs.unique_pairs(np.concatenate([first, near]))
+        np.save(self.steps.folder / ALL_PAIRS_FILE, everything)
+        with self.progress("matching near images", len(near)) as tick:
+            run_isolated(match_pairs, self.database, images, near, self.params, tick=tick)
+        return len(everything) - len(first)
 
-    def _prune(self, broken: dict[str, str]) -> dict[str, Any]:
+    def _prune(self) -> dict[str, Any]:
         """Take out what VIO contradicts; then see which recordings are connected."""
-        chosen = self._training_pairs(self._usable(self.train, broken))
+        chosen = np.load(self.steps.folder / ALL_PAIRS_FILE)
         with self.progress("checking matches by VIO", len(chosen)) as tick:
-            pruned = run_isolated(prune_pairs, self.database, self.images, chosen, tick=tick)
+            pruned = run_isolated(
+                prune_pairs, self.database, self.images, chosen, chosen[:0], self.params.seed,
+                tick=tick,
+            )  # fmt: skip
         inliers = count_inliers(self.database, self.images, chosen)
         islands = find_islands(self.images, chosen, inliers, self.train)
         good = int((inliers >= MIN_INLIERS).sum())
@@ -233,8 +247,11 @@ class _Mapping:
         return [registered.to_json() for registered in found]
 
     def _register_by(self, chosen: pairs.Pairs, model: Any, what: str) -> list[Registered]:
+        helping = np.load(self.steps.folder / ALL_PAIRS_FILE)
         with self.progress(f"matching {what}", len(chosen)) as tick:
             run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
-            run_isolated(prune_pairs, self.database, self.images, chosen, tick=int)
+            run_isolated(
+                prune_pairs, self.database, self.images, chosen, helping, self.params.seed, tick=int
+            )
         with self.progress(f"registering {what}", len(np.unique(chosen[:, 0]))) as tick:
             return register_images(self.database, model, self.images, chosen, self.params, tick)

@@ -15,9 +15,10 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors
 from vioapr.mapping.features import image_ids
 from vioapr.mapping.inputs import MapImages
+from vioapr.mapping.joining import MAX_TILT_DEG
 from vioapr.mapping.pairs import Pairs, query_pairs, view_cost, viewing_directions
 from vioapr.mapping.params import MappingParams
-from vioapr.mapping.pruning import MAX_TILT_DEG, tilt_deg
+from vioapr.mapping.pruning import tilt_deg
 from vioapr.mapping.reconstruct import registered_images
 
 MAX_ERROR_PX = 6.0

@@ -192,6 +192,9 @@ class RecordingWriter:
             )
 
 
+_LABELS = {int(state): state.label for state in Tracking}
+
+
 def _lines(frames: Frames) -> Iterator[str]:
     """Lines of `frames.csv`."""
     cameras = np.stack([np.asarray(column) for column in frames.intrinsics], axis=1)
@@ -202,7 +205,7 @@ def _lines(frames: Frames) -> Iterator[str]:
         for camera in (cameras[:1] if is_one else cameras)
     ]
     texts = texts * len(frames) if is_one else texts
-    labels = [Tracking(value).label for value in frames.tracking.tolist()]
+    labels = [_LABELS[value] for value in frames.tracking.tolist()]
     poses = np.concatenate(frames.vio_from_cam, axis=1).tolist()
     columns = zip(frames.timestamp_s.tolist(), frames.image, labels, poses, texts, strict=True)
     for time, name, label, pose, text in columns:

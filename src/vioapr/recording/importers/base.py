@@ -25,6 +25,9 @@ from vioapr.trajectory import Trajectory
 Image = Path | str | bytes | NDArray[np.uint8] | None
 """A path, encoded bytes, pixels, or nothing; of very many, paths are faster as text."""
 
+_ODD = re.compile(r'[,"\s\x00-\x1f]')
+"""What the name of an image in `frames.csv` must not hold."""
+
 Split = Literal["train", "test", "none"]
 Place = Literal["outdoor", "indoor"]
 
@@ -201,13 +204,15 @@ def flat_names(paths: Sequence[str]) -> list[str]:
     """Names for one folder out of paths: the last part, or all of it where that comes twice."""
     last = [path.replace("\\", "/").rpartition("/")[2] for path in paths]
     if len(set(last)) == len(last):
-        return [_clean(name) for name in last]
+        # All at once first: odd names are rare, and there may be very many.
+        is_odd = _ODD.search("/".join(last)) or any(name[:1] == "." for name in last)
+        return [_clean(name) for name in last] if is_odd else last
     return [_clean(re.sub(r"[/\\]+", "_", path.strip("./\\"))) for path in paths]
 
 
 def _clean(name: str) -> str:
     """A name that `frames.csv` can hold."""
-    return re.sub(r'[,"\s\x00-\x1f]', "_", name).lstrip(".")
+    return _ODD.sub("_", name).lstrip(".")
 
 
 def no_poses(count: int) -> Rigid3:
