@@ -6,6 +6,7 @@ goes in and out is flat tensors; docs/contract.md describes them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -35,44 +36,47 @@ _LARGEST = 1e30
 
 
 class AprPose(NamedTuple):
-    """The regressor's outputs, flat: see `AprGraph`."""
+    """The regressor's answer, flat; NaN for a frame without image.
+
+    Attributes:
+        apr_world_from_cam: Shape (7,): x y z qx qy qz qw.
+        apr_sigma_position_m: Shape (1,).
+        apr_sigma_orientation_deg: Shape (1,).
+    """
 
     apr_world_from_cam: Tensor
     apr_sigma_position_m: Tensor
     apr_sigma_orientation_deg: Tensor
 
 
-class AprGraph(nn.Module):
-    """An image to the regressor's pose."""
+class NetworkGraph(nn.Module):
+    """A regressor with flat outputs."""
 
-    def __init__(self, network: nn.Module, resize: int, crop: int) -> None:
-        """Put the preprocessing in front of a network.
+    def __init__(self, network: nn.Module) -> None:
+        """Wrap a network.
 
         Args:
             network: From images (1, 3, crop, crop) to `position_m` (1, 3), `quat_xyzw` (1, 4),
                 `sigma_position_m` (1,), `sigma_orientation_rad` (1,).
-            resize: See `Preprocessor`.
-            crop: See `Preprocessor`.
         """
         super().__init__()
-        self.preprocess = Preprocessor(resize, crop)
         self.network = network
 
-    def forward(self, image: Tensor) -> AprPose:
+    def forward(self, images: Tensor, has_image: Tensor) -> AprPose:
         """Regress.
 
         Args:
-            image: Shape (height, width, 3), uint8, RGB.
-
-        Returns:
-            Shapes (7,): x y z qx qy qz qw; (1,); (1,).
+            images: Shape (1, 3, crop, crop), see `Preprocessor`.
+            has_image: Shape (1,), 1 if there is an image, else 0.
         """
-        found = self.network(self.preprocess(image))
-        return AprPose(
+        found = self.network(images)
+        flat = (
             torch.cat([found.position_m, found.quat_xyzw], dim=-1).reshape(7),
             found.sigma_position_m.reshape(1),
-            torch.rad2deg(found.sigma_orientation_rad.reshape(1)),
+            found.sigma_orientation_rad.reshape(1) * (180 / math.pi),
         )
+        is_seen = has_image > 0.5
+        return AprPose(*(torch.where(is_seen, x, torch.full_like(x, torch.nan)) for x in flat))
 
 
 class FusionGraph(nn.Module):
@@ -160,10 +164,12 @@ SIGMAS = (
 class LocalizerGraph(nn.Module):
     """The whole: an image and the tracker's pose to the fused pose."""
 
-    def __init__(self, apr: AprGraph, fusion: FusionGraph) -> None:
-        """Join a regressor and a fusion step."""
+    def __init__(
+        self, preprocess: Preprocessor, network: NetworkGraph, fusion: FusionGraph
+    ) -> None:
+        """Join the parts."""
         super().__init__()
-        self.apr, self.fusion = apr, fusion
+        self.preprocess, self.network, self.fusion = preprocess, network, fusion
 
     def forward(
         self,
@@ -177,7 +183,7 @@ class LocalizerGraph(nn.Module):
         params: Tensor | None = None,
     ) -> dict[str, Tensor]:
         """One frame; see docs/contract.md for the tensors."""
-        apr = self.apr(image)
+        apr = self.network(self.preprocess(image), has_image)
         fused = self.fusion(
             apr.apr_world_from_cam,
             has_image,
@@ -188,13 +194,7 @@ class LocalizerGraph(nn.Module):
             state,
             params,
         )
-        is_seen = has_image > 0.5
-        raw = {
-            name: torch.where(is_seen, value, torch.full_like(value, torch.nan))
-            for name, value in apr._asdict().items()
-        }
-        next_state = fused.pop("next_state")
-        return fused | raw | {"next_state": next_state}
+        return fused | apr._asdict()
 
 
 def with_room(params: Any) -> Any:

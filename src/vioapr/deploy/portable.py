@@ -61,7 +61,15 @@ def cholesky(matrix: Tensor) -> Tensor:
     return torch.transpose(upper * torch.rsqrt(pivots), -1, -2)
 
 
+def diagonal(matrix: Tensor, **_: Any) -> Tensor:
+    """As `torch.linalg.diagonal` of square matrices."""
+    identity = torch.tensor(np.eye(matrix.shape[-1]), dtype=matrix.dtype)
+    return torch.sum(matrix * identity, dim=-1)
+
+
 _REPLACEMENTS: dict[Any, Any] = {
+    torch.diagonal: diagonal,
+    torch.linalg.diagonal: diagonal,
     torch.sort: sort,
     torch.where: where,
     torch.linalg.cholesky: cholesky,
