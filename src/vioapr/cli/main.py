@@ -15,9 +15,11 @@ import tyro
 from vioapr.cli.convert import convert
 from vioapr.cli.demo import demo
 from vioapr.cli.evaluate import evaluate
+from vioapr.cli.export import export
 from vioapr.cli.fuse import fuse
 from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
+from vioapr.cli.localize import localize_
 from vioapr.cli.map_scene import map_
 from vioapr.cli.scene import scene_check, scene_info
 from vioapr.cli.simulate import simulate_courtyard
@@ -35,6 +37,8 @@ VERBS: dict[str, Callable[..., Any]] = {
     "map": map_,
     "vio-quality": vio_quality,
     "simulate courtyard": simulate_courtyard,
+    "export": export,
+    "localize": localize_,
     "demo": demo,
 }
 

@@ -61,7 +61,10 @@ def describe_fusion(fusion: FusionGraph, outputs: tuple[str, ...], **facts: Any)
 
 
 def describe_localizer(
-    preprocess: Preprocessor, fusion: FusionGraph, outputs: tuple[str, ...], facts: Mapping[str, Any]
+    preprocess: Preprocessor,
+    fusion: FusionGraph,
+    outputs: tuple[str, ...],
+    facts: Mapping[str, Any],
 ) -> Contract:
     """Of the whole."""
     inputs = (_IMAGE, _HAS_IMAGE, *_FRAME, *_state_inputs(fusion))

@@ -138,8 +138,12 @@ class FusionGraph(nn.Module):
         pose = _flat(estimate.world_from_cam)
         next_state = torch.cat([self.initial_state[:1], *self.layout.pack(after)])
         # Numbers that overflowed must not look like a pose, nor live on.
-        status = torch.where(_is_below(_FARTHEST_M, pose), estimate.status, torch.zeros_like(estimate.status))
-        next_state = torch.where(_is_below(_LARGEST, next_state), next_state, torch.zeros_like(next_state))
+        status = torch.where(
+            _is_below(_FARTHEST_M, pose), estimate.status, torch.zeros_like(estimate.status)
+        )
+        next_state = torch.where(
+            _is_below(_LARGEST, next_state), next_state, torch.zeros_like(next_state)
+        )
         outputs = {
             "world_from_cam": torch.where(status > 0, pose, torch.full_like(pose, torch.nan)),
             "world_from_vio": _flat(estimate.world_from_vio),

@@ -53,9 +53,7 @@ def cholesky(matrix: Tensor) -> Tensor:
         rest = inner - column * (right / pivot)
     columns.append(rest)
     # Rows of D^1/2 L^T without their zeros: put these in front, and scale by the pivots.
-    padded = [
-        torch.nn.functional.pad(row, (size - row.shape[-1], 0)) for row in columns
-    ]
+    padded = [torch.nn.functional.pad(row, (size - row.shape[-1], 0)) for row in columns]
     upper = torch.cat(padded, dim=-2)
     pivots = torch.sum(upper * torch.tensor(np.eye(size), dtype=matrix.dtype), dim=-1, keepdim=True)
     return torch.transpose(upper * torch.rsqrt(pivots), -1, -2)
