@@ -50,3 +50,7 @@ class MissingExtraError(VioAprError):
             f"{feature} needs the package {package}, which is not installed: "
             f"pip install 'vioapr[{extra}]'"
         )
+
+
+class TrainingError(VioAprError):
+    """A network cannot be trained, or its training went wrong."""

@@ -21,8 +21,10 @@ from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
 from vioapr.cli.localize import localize_
 from vioapr.cli.map_scene import map_
+from vioapr.cli.predict import predict
 from vioapr.cli.scene import scene_check, scene_info
 from vioapr.cli.simulate import simulate_courtyard
+from vioapr.cli.train import train
 from vioapr.cli.vio_quality import vio_quality
 from vioapr.errors import VioAprError
 
@@ -36,6 +38,8 @@ VERBS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "map": map_,
     "vio-quality": vio_quality,
+    "train": train,
+    "predict": predict,
     "simulate courtyard": simulate_courtyard,
     "export": export,
     "localize": localize_,

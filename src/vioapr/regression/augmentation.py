@@ -1,0 +1,182 @@
+"""Crops, colours and turns of whole batches of images, on the device that trains.
+
+All that is random is drawn for the batch beforehand (`draw`), so that the same seed gives the
+same images on any device and any number of devices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from vioapr.errors import ParameterError
+from vioapr.regression.networks.rotation import matrix_of_quat, quat_of_log
+from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
+
+# Luma, and two axes of colour in which a turn is a change of hue (NTSC).
+_YIQ = torch.tensor(
+    [[0.299, 0.587, 0.114], [0.595716, -0.274453, -0.321263], [0.211456, -0.522591, 0.311135]]
+)
+_RGB = torch.linalg.inv(_YIQ)
+
+
+@dataclass(frozen=True)
+class AugmentationParams:
+    """How training images are varied."""
+
+    jitter: float = 0.5
+    """Brightness, contrast and saturation vary by up to this factor either way; 0: none."""
+    hue: float = 0.1
+    """Hue varies by up to this part of the colour circle either way."""
+    turn_deg: float = 0.0
+    """The camera is turned by up to this angle about each axis, and its pose with it: exact,
+    as a turn moves pixels whatever their depth. Needs known intrinsics, and replaces random
+    crops, which move the picture under a pose that stays."""
+
+    def __post_init__(self) -> None:
+        for name, most in (("jitter", 1.0), ("hue", 0.5), ("turn_deg", 60.0)):
+            if not 0 <= getattr(self, name) <= most:
+                raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(self, name)}")
+
+
+class Draw(NamedTuple):
+    """What is random of B images.
+
+    Attributes:
+        corner: (B, 2), row and column of the crop as parts of the margin, 0 to 1.
+        colour: (B, 4), of brightness, contrast, saturation and hue, -1 to 1.
+        turn: (B, 3), -1 to 1.
+    """
+
+    corner: Tensor
+    colour: Tensor
+    turn: Tensor
+
+    def to(self, device: torch.device) -> Draw:
+        """On a device."""
+        return Draw(*(values.to(device, non_blocking=True) for values in self))
+
+    def part(self, rows: slice) -> Draw:
+        """Of some images."""
+        return Draw(*(values[rows] for values in self))
+
+
+def draw(count: int, generator: torch.Generator) -> Draw:
+    """For so many images."""
+    corner = torch.rand(count, 2, generator=generator)
+    colour = 2 * torch.rand(count, 4, generator=generator) - 1
+    return Draw(corner, colour, 2 * torch.rand(count, 3, generator=generator) - 1)
+
+
+def middle_crop(images: Tensor, size: int) -> Tensor:
+    """The middle of images (B, H, W, 3), uint8, as (B, 3, size, size), normalized."""
+    top, left = ((side - size) // 2 for side in images.shape[1:3])
+    cropped = images[:, top : top + size, left : left + size]
+    return normalize(cropped.permute(0, 3, 1, 2).to(torch.float32) / 255)
+
+
+def normalize(images: Tensor) -> Tensor:
+    """RGB of 0 to 1, shape (B, 3, H, W), as networks take it."""
+    mean, std = (
+        torch.tensor(values, device=images.device)[:, None, None]
+        for values in (IMAGE_MEAN, IMAGE_STD)
+    )
+    return (images - mean) / std
+
+
+def augment(
+    images: Tensor,
+    quat_xyzw: Tensor,
+    camera: Tensor,
+    size: int,
+    params: AugmentationParams,
+    drawn: Draw,
+) -> tuple[Tensor, Tensor]:
+    """Vary a batch.
+
+    Args:
+        images: (B, H, W, 3), uint8.
+        quat_xyzw: (B, 4), world_from_cam.
+        camera: (B, 4), fx, fy, cx, cy over width and height.
+        size: Of the crop.
+        params: How much.
+        drawn: What is random.
+
+    Returns:
+        Images (B, 3, size, size), normalized, and the rotations that they show, (B, 4).
+    """
+    if params.turn_deg > 0:
+        half_rad = torch.deg2rad(drawn.turn * params.turn_deg) / 2
+        old_from_new = quat_of_log(half_rad)
+        views = _turned(images, old_from_new, camera, size)
+        quat_xyzw = _multiply(quat_xyzw, old_from_new)
+    else:
+        views = _crops(images, drawn.corner, size)
+    return normalize(_jittered(views, params, drawn.colour)), quat_xyzw
+
+
+def _crops(images: Tensor, corner: Tensor, size: int) -> Tensor:
+    """Crops (B, 3, size, size) of 0 to 1 at corners (B, 2) of 0 to 1."""
+    margin = torch.tensor([side - size + 1 for side in images.shape[1:3]], device=images.device)
+    first = (corner * margin).to(torch.int64)
+    steps = torch.arange(size, device=images.device)
+    rows, columns = (first[:, axis, None] + steps for axis in (0, 1))
+    batch = torch.arange(len(images), device=images.device)[:, None, None]
+    views = images[batch, rows[:, :, None], columns[:, None, :]]
+    return views.permute(0, 3, 1, 2).to(torch.float32) / 255
+
+
+def _turned(images: Tensor, old_from_new: Tensor, camera: Tensor, size: int) -> Tensor:
+    """What the middle of the camera would show if it were turned; grey where nothing is known."""
+    height, width = images.shape[1:3]
+    axis_y, axis_x = (
+        (torch.arange(size, device=images.device) + (side - size) // 2 + 0.5) / side
+        for side in (height, width)
+    )
+    fx, fy, cx, cy = (value[:, None, None] for value in camera.unbind(dim=-1))
+    x = ((axis_x[None, None, :] - cx) / fx).expand(-1, size, -1)
+    y = ((axis_y[None, :, None] - cy) / fy).expand(-1, -1, size)
+    rays = torch.stack([x, y, torch.ones_like(x)], dim=-1)
+    rays = torch.einsum("bij,bhwj->bhwi", matrix_of_quat(old_from_new), rays)
+    depth = rays[..., 2].clamp_min(1e-6)
+    # From 0 to 1 over the image to grid_sample's -1 to 1.
+    grid = torch.stack([rays[..., 0] / depth * fx + cx, rays[..., 1] / depth * fy + cy], dim=-1)
+    centred = images.permute(0, 3, 1, 2).to(torch.float32) / 255 - 0.5
+    seen = functional.grid_sample(centred, 2 * grid - 1, align_corners=False)
+    return seen + 0.5
+
+
+def _jittered(images: Tensor, params: AugmentationParams, colour: Tensor) -> Tensor:
+    """Colours of images (B, 3, H, W) of 0 to 1, varied by (B, 4) of -1 to 1."""
+    if params.jitter == 0 and params.hue == 0:
+        return images
+    brightness, contrast, saturation = (1 + params.jitter * colour[:, :3]).unbind(dim=-1)
+    mixing = _colour_matrix(saturation, colour[:, 3] * params.hue * 2 * torch.pi)
+    gain = (brightness * contrast)[:, None, None] * mixing
+    mean = brightness[:, None] * torch.einsum("bij,bj->bi", mixing, images.mean(dim=(2, 3)))
+    shift = (1 - contrast)[:, None] * mean.mean(dim=-1, keepdim=True)
+    varied = torch.einsum("bij,bjhw->bihw", gain, images) + shift[:, :, None, None]
+    return varied.clamp(0, 1)
+
+
+def _colour_matrix(saturation: Tensor, hue_rad: Tensor) -> Tensor:
+    """Of RGB to RGB, shape (B, 3, 3)."""
+    cosine, sine = saturation * torch.cos(hue_rad), saturation * torch.sin(hue_rad)
+    zero, one = torch.zeros_like(cosine), torch.ones_like(cosine)
+    rows = (one, zero, zero, zero, cosine, -sine, zero, sine, cosine)
+    turned = torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+    return _RGB.to(hue_rad.device) @ turned @ _YIQ.to(hue_rad.device)
+
+
+def _multiply(left_xyzw: Tensor, right_xyzw: Tensor) -> Tensor:
+    """Hamilton product, (B, 4)."""
+    vector_l, scalar_l = left_xyzw[:, :3], left_xyzw[:, 3:]
+    vector_r, scalar_r = right_xyzw[:, :3], right_xyzw[:, 3:]
+    vector = scalar_l * vector_r + scalar_r * vector_l
+    vector = vector + torch.linalg.cross(vector_l, vector_r, dim=-1)
+    scalar = scalar_l * scalar_r - (vector_l * vector_r).sum(dim=-1, keepdim=True)
+    return torch.cat([vector, scalar], dim=-1)

@@ -1,0 +1,100 @@
+"""What training makes small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from vioapr.errors import ParameterError
+from vioapr.regression.networks.base import PoseNetwork, Raw
+from vioapr.regression.networks.rotation import angle_rad, matrix_of_quat
+
+LossName = Literal["learnable", "learnable-l2", "geometric"]
+
+
+@dataclass(frozen=True)
+class LossParams:
+    """Which loss, and where its weights start."""
+
+    loss: LossName = "learnable"
+    """learnable: L_x exp(-s_x) + s_x + L_q exp(-s_q) + s_q with learned s, L1 norms (Kendall and
+    Cipolla, CVPR 2017; geomapnet). learnable-l2: the same with L2 norms (MS-Transformer).
+    geometric: how far a turned and moved camera displaces points before it; no weights."""
+    position_weight: float = 0.0
+    """s_x at the start."""
+    rotation_weight: float = -3.0
+    """s_q at the start."""
+    depth: float = 1.0
+    """Of the points of the geometric loss, in standard deviations of the cameras' positions."""
+
+    def __post_init__(self) -> None:
+        if self.loss not in ("learnable", "learnable-l2", "geometric"):
+            raise ParameterError(
+                f"loss: expected learnable, learnable-l2 or geometric, got {self.loss!r}"
+            )
+        if not 0 < self.depth < 1000:
+            raise ParameterError(f"depth: expected above 0 and below 1000, got {self.depth}")
+
+
+class PoseLoss(nn.Module):
+    """The loss of a batch, with the weights that it learns."""
+
+    def __init__(self, params: LossParams) -> None:
+        """With the weights at their start."""
+        super().__init__()
+        self.params = params
+        start = torch.tensor([params.position_weight, params.rotation_weight])
+        self.weights = nn.Parameter(start, requires_grad=params.loss != "geometric")
+
+    def forward(
+        self, network: PoseNetwork, raw: Raw, position: Tensor, quat_xyzw: Tensor, scene: Tensor
+    ) -> Tensor:
+        """Mean over B images.
+
+        Args:
+            network: Whose code says what the rotation's numbers mean.
+            raw: What it said.
+            position: (B, 3), true, in the scene's unit.
+            quat_xyzw: (B, 4), true.
+            scene: (B,), true.
+        """
+        off = raw.position - position
+        if self.params.loss == "geometric":
+            pose = self._geometric(network, raw, off, quat_xyzw)
+        else:
+            pose = self._weighted(off, network.code.residual(raw.rotation, quat_xyzw))
+        loss = pose + _uncertainty(network, raw, off, quat_xyzw)
+        if raw.scene_logits is not None:
+            loss = loss + functional.cross_entropy(raw.scene_logits, scene)
+        return loss
+
+    def _weighted(self, off: Tensor, turned: Tensor) -> Tensor:
+        if self.params.loss == "learnable":
+            sizes = torch.stack([off.abs().mean(), turned.abs().mean()])
+        else:
+            norms = (torch.linalg.vector_norm(one, dim=-1).mean() for one in (off, turned))
+            sizes = torch.stack(list(norms))
+        return (sizes * torch.exp(-self.weights) + self.weights).sum()
+
+    def _geometric(self, network: PoseNetwork, raw: Raw, off: Tensor, quat_xyzw: Tensor) -> Tensor:
+        """Mean L1 displacement of points straight ahead and to all sides of the view."""
+        places = [(x, y, 1.0) for x in (-0.6, 0.0, 0.6) for y in (-0.6, 0.0, 0.6)]
+        points = self.params.depth * torch.tensor(places, device=off.device)
+        between = matrix_of_quat(network.code.to_quat(raw.rotation)) - matrix_of_quat(quat_xyzw)
+        moved = torch.einsum("bij,nj->bni", between, points) + off[:, None]
+        return moved.abs().mean()
+
+
+def _uncertainty(network: PoseNetwork, raw: Raw, off: Tensor, quat_xyzw: Tensor) -> Tensor:
+    """Negative log-likelihood of the errors under Laplace's distribution, per axis.
+
+    The errors are taken as they are: this term teaches the uncertainty, not the pose.
+    """
+    with torch.no_grad():
+        angle = angle_rad(network.code.to_quat(raw.rotation), quat_xyzw)
+        sizes = torch.stack([off.abs().mean(dim=-1), angle / 3**0.5], dim=-1)
+    return (sizes * torch.exp(-raw.log_sigma) + raw.log_sigma).mean()

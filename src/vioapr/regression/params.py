@@ -1,0 +1,80 @@
+"""How a regressor is trained; the defaults are the paper's (section Implementation)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from vioapr.errors import ParameterError
+from vioapr.regression.augmentation import AugmentationParams
+from vioapr.regression.losses import LossParams
+
+Precision = Literal["auto", "fp32", "bf16"]
+Schedule = Literal["constant", "cosine", "step"]
+
+_WARM_UP = 0.05
+"""Share of the steps in which a cosine schedule rises."""
+
+
+@dataclass(frozen=True)
+class TrainingParams:
+    """The loop's parameters."""
+
+    epochs: int = 400
+    """Times that every image is seen."""
+    batch_size: int = 32
+    """Images a step, of all devices together."""
+    lr: float = 1e-4
+    """Learning rate of Adam; the highest one, if the schedule changes it."""
+    weight_decay: float = 5e-4
+    """Pull of the weights to zero, added to their gradients."""
+    schedule: Schedule = "constant"
+    """constant; cosine: rises for a twentieth of the steps, then falls to zero; step: a tenth
+    after every third of the epochs."""
+    seed: int = 0
+    """Decides weights, order and variation of images, and dropout."""
+    precision: Precision = "auto"
+    """auto: bf16 on GPUs that have it, else fp32."""
+    compile: bool = False
+    """Compile the network first (torch.compile): slow to start, faster after."""
+    patience: int = 0
+    """Stop when the validation recordings have not improved for so many epochs; 0: never."""
+    devices: int = 1
+    """Processes, each with a GPU, or each with its share of the processor."""
+    nodes: int = 1
+    """Machines, each with so many devices."""
+    augmentation: AugmentationParams = field(default_factory=AugmentationParams)
+    loss: LossParams = field(default_factory=LossParams)
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "batch_size", "devices", "nodes"):
+            if getattr(self, name) < 1:
+                raise ParameterError(f"{name}: expected at least 1, got {getattr(self, name)}")
+        if not 0 < self.lr < math.inf:
+            raise ParameterError(f"lr: expected a number above 0, got {self.lr}")
+        if not 0 <= self.weight_decay < math.inf:
+            raise ParameterError(f"weight_decay: expected at least 0, got {self.weight_decay}")
+        if self.seed < 0 or self.patience < 0:
+            raise ParameterError("seed and patience: expected at least 0")
+        if self.batch_size % (self.devices * self.nodes):
+            raise ParameterError(
+                f"batch_size: expected a multiple of the {self.devices * self.nodes} devices, "
+                f"got {self.batch_size}"
+            )
+
+    def lr_at(self, step: int, steps: int) -> float:
+        """The learning rate of a step of so many."""
+        part = step / steps
+        if self.schedule == "constant":
+            return self.lr
+        if self.schedule == "step":
+            return self.lr * 0.1 ** math.floor(3 * part)
+        if part < _WARM_UP:
+            return self.lr * (0.1 + 0.9 * part / _WARM_UP)
+        return self.lr * 0.5 * (1 + math.cos(math.pi * (part - _WARM_UP) / (1 - _WARM_UP)))
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return dataclasses.asdict(self)

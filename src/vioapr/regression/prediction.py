@@ -1,0 +1,159 @@
+"""Poses of images by a trained regressor, and the files that fusion and evaluation take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError
+from vioapr.formats import tum
+from vioapr.formats.base import write_text
+from vioapr.recording.recording import IMAGES_FOLDER
+from vioapr.recording.scene import Scene
+from vioapr.regression.augmentation import middle_crop
+from vioapr.regression.cache import read_images
+from vioapr.regression.checkpoint import LoadedRegressor
+from vioapr.regression.networks import PoseNetwork
+from vioapr.trajectory import Trajectory
+
+SIGMA_HEADER = "timestamp_s,sigma_position_m,sigma_orientation_deg"
+
+
+class Predicted(NamedTuple):
+    """Poses world_from_cam of n images.
+
+    Attributes:
+        position_m: Shape (n, 3).
+        quat_xyzw: Shape (n, 4).
+        sigma_position_m: Shape (n,).
+        sigma_orientation_rad: Shape (n,).
+        scene: Shape (n,), number of the scene that the network sees in each.
+    """
+
+    position_m: NDArray[np.float64]
+    quat_xyzw: NDArray[np.float64]
+    sigma_position_m: NDArray[np.float64]
+    sigma_orientation_rad: NDArray[np.float64]
+    scene: NDArray[np.int64]
+
+
+def predict_images(
+    network: PoseNetwork,
+    images: Iterable[NDArray[np.uint8]],
+    crop: int,
+    *,
+    batch_size: int = 32,
+    device: torch.device | None = None,
+    tick: Callable[[], object] = lambda: None,
+) -> Predicted:
+    """Predict the poses of images.
+
+    Args:
+        network: In evaluation mode, on the device.
+        images: Each of shape (resize, resize, 3), RGB.
+        crop: Size of the middle part that the network sees.
+        batch_size: Images at once.
+        device: Where the network is; None for the CPU.
+        tick: Called after every image.
+    """
+    device = device or torch.device("cpu")
+    columns: list[list[NDArray]] = [[] for _ in Predicted._fields]
+    for batch in _batched(images, batch_size):
+        with torch.inference_mode():
+            raw = network.forward_raw(middle_crop(torch.from_numpy(batch).to(device), crop))
+            predicted = network.to_prediction(raw)
+            scene = torch.zeros(len(batch), dtype=torch.int64)
+            if raw.scene_logits is not None:
+                scene = raw.scene_logits.argmax(dim=-1)
+        for column, values in zip(columns, (*predicted, scene), strict=True):
+            column.append(values.cpu().numpy())
+        for _ in batch:
+            tick()
+    *poses, scenes = (np.concatenate(column) for column in columns)
+    position, quat, sigma_m, sigma_rad = (values.astype(np.float64) for values in poses)
+    return Predicted(position, quat, sigma_m, sigma_rad, scenes)
+
+
+def _batched(images: Iterable[NDArray[np.uint8]], size: int) -> Iterator[NDArray[np.uint8]]:
+    block: list[NDArray[np.uint8]] = []
+    for image in images:
+        block.append(image)
+        if len(block) == size:
+            yield np.stack(block)
+            block = []
+    if block:
+        yield np.stack(block)
+
+
+def predict_recording(
+    regressor: LoadedRegressor,
+    scene: Scene,
+    id_: str,
+    *,
+    batch_size: int = 32,
+    device: torch.device | None = None,
+    tick: Callable[[], object] = lambda: None,
+) -> tuple[Trajectory, Predicted]:
+    """The poses of all images of a recording, with or without ground truth.
+
+    Raises:
+        FormatError: The recording has no images, or one is broken.
+    """
+    frames = scene.recording(id_).frames
+    rows = np.flatnonzero(frames.has_image)
+    folder = scene.recording_folder(id_) / IMAGES_FOLDER
+    if not len(rows):
+        raise FormatError(folder, "expected images, found none")
+    images = read_images([folder / frames.image[row] for row in rows], regressor.spec.resize)
+    predicted = predict_images(
+        regressor.network, images, regressor.spec.crop,
+        batch_size=batch_size, device=device, tick=tick,
+    )  # fmt: skip
+    poses = Trajectory.from_arrays(
+        frames.timestamp_s[rows], predicted.position_m, predicted.quat_xyzw
+    )
+    return poses, predicted
+
+
+def write_prediction(folder: Path, name: str, poses: Trajectory, predicted: Predicted) -> Path:
+    """Write `apr_<name>.tum`, and the uncertainties beside it in `apr_<name>.sigma.csv`.
+
+    Raises:
+        FormatError: It cannot be written.
+    """
+    path = folder / f"apr_{name}.tum"
+    columns: Sequence[NDArray[np.float64]] = (
+        poses.timestamps_s,
+        predicted.sigma_position_m,
+        np.degrees(predicted.sigma_orientation_rad),
+    )
+    rows = [f"{t:.6f},{m:.6g},{deg:.6g}" for t, m, deg in zip(*columns, strict=True)]
+    folder.mkdir(parents=True, exist_ok=True)
+    tum.write(path, poses)
+    write_text(path.with_suffix(".sigma.csv"), "\n".join([SIGMA_HEADER, *rows]) + "\n")
+    return path
+
+
+def write_walk(folder: Path, scene: Scene, id_: str) -> bool:
+    """Put a recording's ground truth and VIO beside its predictions, as `evaluate` takes them.
+
+    Returns:
+        Whether it has both.
+
+    Raises:
+        FormatError: The recording is broken, or a file cannot be written.
+    """
+    recording, gt = scene.recording(id_), scene.gt(id_)
+    folder.mkdir(parents=True, exist_ok=True)
+    has_vio = bool(recording.frames.has_pose.any())
+    if has_vio:
+        tracker = "".join(c for c in recording.info.tracker.lower() if c.isalnum()) or "tracker"
+        tum.write(folder / f"vio_{tracker}.tum", recording.frames.to_trajectory())
+    if gt is not None:
+        tum.write(folder / "gt.tum", gt)
+    return has_vio and gt is not None
