@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -22,7 +22,6 @@ class TinySpec:
     resize: int = 64
     crop: int = 56
     scenes: tuple[str, ...] = ("courtyard",)
-    world: dict = field(default_factory=dict)
 
 
 class TinyNetwork(nn.Module):
@@ -45,3 +44,13 @@ class TinyNetwork(nn.Module):
             torch.exp(values[:, 7]),
             torch.exp(values[:, 8] - 3),
         )
+
+
+class WideNetwork(TinyNetwork):
+    """With so many weights that their precision shows in the file's size."""
+
+    def __init__(self, seed: int = 0) -> None:
+        super().__init__(seed)
+        self.features = nn.Conv2d(3, 256, 8, stride=8)
+        self.norm = nn.BatchNorm2d(256)
+        self.head = nn.Linear(256, 9)

@@ -84,7 +84,6 @@ class Contract:
         state_layout: Name, shape and place of every array in the state, for the curious.
         image: What is done to images: `resize`, `crop`, in pixels.
         regressor: `model` and `scenes`.
-        world: What is known of the map's frame.
         made_by: Program and version.
     """
 
@@ -100,7 +99,6 @@ class Contract:
     state_layout: tuple[dict[str, Any], ...] = ()
     image: dict[str, Any] = field(default_factory=dict)
     regressor: dict[str, Any] = field(default_factory=dict)
-    world: dict[str, Any] = field(default_factory=dict)
     made_by: str = ""
 
     def to_json(self) -> str:

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import onnx
 import torch
@@ -19,8 +19,6 @@ from vioapr.deploy.onnx_graph import finish, join, rename_input, trace
 from vioapr.deploy.preprocess import Preprocessor
 from vioapr.errors import ParameterError
 from vioapr.fusion.types import Method
-
-Precision = Literal["fp32", "fp16w", "int8w", "int8-qdq"]
 
 _NETWORK_INPUT = "network_input"
 _EXAMPLE = (480, 640, 3)
@@ -47,11 +45,6 @@ class Spec(Protocol):
     @property
     def scenes(self) -> tuple[str, ...]:
         """Names of the scenes that it knows."""
-        ...
-
-    @property
-    def world(self) -> dict[str, Any]:
-        """What is known of the map's frame."""
         ...
 
 
@@ -94,7 +87,7 @@ class Exporter:
         return LocalizerGraph(self.preprocess, self.network, self.fusion)
 
     def export(
-        self, precision: Precision = "fp32", calibration: Callable[[], list[Any]] | None = None
+        self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
     ) -> ExportedFile:
         """The whole localizer as one file.
 
@@ -114,7 +107,7 @@ class Exporter:
         return ExportedFile(finish(model, contract), contract)
 
     def export_split(
-        self, precision: Precision = "fp32", calibration: Callable[[], list[Any]] | None = None
+        self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
     ) -> tuple[ExportedFile, ExportedFile]:
         """Regressor and fusion as two files, for runtimes that run them on different devices."""
         network = self._network(precision, calibration)
@@ -133,7 +126,6 @@ class Exporter:
         return {
             "precision": precision,
             "regressor": {"model": self.spec.model, "scenes": list(self.spec.scenes)},
-            "world": dict(self.spec.world),
             "made_by": made_by(),
         }
 
@@ -150,7 +142,7 @@ class Exporter:
         return trace(self.network, example, AprPose._fields)
 
     def _network(
-        self, precision: Precision, calibration: Callable[[], list[Any]] | None
+        self, precision: str, calibration: Callable[[], list[Any]] | None
     ) -> onnx.ModelProto:
         if precision == "fp32":
             return self._traced_network

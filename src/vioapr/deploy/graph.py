@@ -82,6 +82,8 @@ class NetworkGraph(nn.Module):
 class FusionGraph(nn.Module):
     """One step of a fusion method on flat tensors."""
 
+    initial_state: Tensor
+
     def __init__(self, method: Method, params: Any, identity: str = "") -> None:
         """Fix the method.
 

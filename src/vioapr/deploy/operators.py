@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-ALLOWED: frozenset[str] = frozenset(
-    """
-    Abs Add And ArgMax Atan AveragePool BatchNormalization Cast Clip Concat Constant Conv Cos Div
-    Equal Erf Exp Expand Flatten Floor Gather Gemm GlobalAveragePool Greater GreaterOrEqual
-    HardSigmoid HardSwish Identity IsNaN LayerNormalization Less LessOrEqual Log LogSoftmax MatMul
-    Max MaxPool Min Mul Neg Not Or Pad Pow Range Reciprocal ReduceL2 ReduceMax ReduceMean
-    ReduceMin ReduceProd ReduceSum Relu Reshape Shape Sigmoid Sin Slice Softmax Softplus Split
-    Sqrt Squeeze Sub Tanh TopK Transpose Unsqueeze Where
-    """.split()
-)
+_ALLOWED = """
+Abs Add And ArgMax Atan AveragePool BatchNormalization Cast Clip Concat Constant Conv Cos Div
+Equal Erf Exp Expand Flatten Floor Gather Gemm GlobalAveragePool Greater GreaterOrEqual
+HardSigmoid HardSwish Identity IsNaN LayerNormalization Less LessOrEqual Log LogSoftmax MatMul
+Max MaxPool Min Mul Neg Not Or Pad Pow Range Reciprocal ReduceL2 ReduceMax ReduceMean
+ReduceMin ReduceProd ReduceSum Relu Reshape Shape Sigmoid Sin Slice Softmax Softplus Split
+Sqrt Squeeze Sub Tanh TopK Transpose Unsqueeze Where
+"""
+
+ALLOWED: frozenset[str] = frozenset(_ALLOWED.split())
 """Operators of opset 18 that the portable file may use: none that branches or loops (`If`,
 `Loop`, `Scan`), none that quantizes (`QuantizeLinear`, `DequantizeLinear`)."""
 

@@ -1,7 +1,8 @@
 """What fusion methods compute with, out of operators that every runtime has.
 
-ONNX has neither a Cholesky factorization nor a sort, and runtimes have no choice between booleans. While `PortableFunctions` is active,
-PyTorch's own are replaced, under the unchanged source of the fusion methods.
+ONNX has neither a Cholesky factorization nor a sort, and runtimes have no choice between
+booleans. While `PortableFunctions` is active, PyTorch's own are replaced, under the unchanged
+source of the fusion methods.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ _where = torch.where
 def cholesky(matrix: Tensor) -> Tensor:
     """The lower triangular L with L L^T = matrix, shape (..., n, n).
 
-    Right-looking, six operators a column: what a column explains is taken out of the part that is left, which shrinks.
+    Right-looking, six operators a column: what a column explains is taken out of the part that
+    is left, which shrinks.
     """
     size = matrix.shape[-1]
     columns = []

@@ -25,6 +25,9 @@ _BLOCK = 16
 class Preprocessor(nn.Module):
     """Resize to a square, crop its centre, normalize: as in the paper (section 5.1)."""
 
+    factor: Tensor
+    offset: Tensor
+
     def __init__(self, resize: int, crop: int) -> None:
         """Fix the sizes.
 

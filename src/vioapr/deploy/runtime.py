@@ -283,22 +283,23 @@ def _read(outputs: dict[str, NDArray]) -> Located:
             f"the file answered with status {status.label} and the pose {pose.tolist()}, which "
             "its contract forbids: export it anew"
         )
-    sigmas = (
-        float(outputs[name][0]) if name in outputs else None
-        for name in ("sigma_position_m", "sigma_orientation_deg")
-    )
     axes = outputs.get("sigma_position_axes_m")
     return Located(
         status,
         _rigid(pose),
         _rigid(outputs["world_from_vio"]),
         int(outputs["confirmed_run"][0]),
-        *sigmas,
+        _number(outputs.get("sigma_position_m")),
+        _number(outputs.get("sigma_orientation_deg")),
         None if axes is None else axes.astype(np.float64),
         _rigid(outputs["apr_world_from_cam"]),
         float(outputs["apr_sigma_position_m"][0]),
         float(outputs["apr_sigma_orientation_deg"][0]),
     )
+
+
+def _number(array: NDArray | None) -> float | None:
+    return None if array is None else float(array[0])
 
 
 def _rigid(flat: NDArray) -> Rigid3:

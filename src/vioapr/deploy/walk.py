@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,7 +91,8 @@ def frames_of_images(pattern: str, vio: Path) -> WalkFrames:
         FormatError: No images, or none with a pose.
         ParameterError: They lie in several folders.
     """
-    paths = [Path(path) for path in sorted(glob.glob(pattern, recursive=True))]
+    start = Path(pattern).anchor
+    paths = sorted(Path(start).glob(str(Path(pattern).relative_to(start))))
     folders = {path.parent for path in paths}
     if not paths:
         raise FormatError(pattern, "expected images, found no file that fits this pattern")
