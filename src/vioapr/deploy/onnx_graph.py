@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from vioapr.deploy.contract import METADATA_KEY, Contract
 from vioapr.deploy.operators import find_forbidden
+from vioapr.deploy.simplify import simplify
 from vioapr.errors import VioAprError
 
 OPSET = 18
@@ -46,10 +47,11 @@ def trace(
             input_names=list(inputs),
             output_names=list(outputs),
             dynamic_shapes=tuple(dims.get(name) for name in inputs),
-            optimize=True,
+            optimize=False,
             verbose=False,
         )
-    assert program is not None
+        assert program is not None
+        simplify(program.model)
     model = program.model_proto
     _strip(model)
     return model

@@ -67,7 +67,13 @@ def diagonal(matrix: Tensor, **_: Any) -> Tensor:
     return torch.sum(matrix * identity, dim=-1)
 
 
+def vecdot(left: Tensor, right: Tensor, *, dim: int = -1) -> Tensor:
+    """As `torch.linalg.vecdot`, in two operators instead of four."""
+    return torch.sum(left * right, dim=dim)
+
+
 _REPLACEMENTS: dict[Any, Any] = {
+    torch.linalg.vecdot: vecdot,
     torch.diagonal: diagonal,
     torch.linalg.diagonal: diagonal,
     torch.sort: sort,
