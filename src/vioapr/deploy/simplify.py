@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import onnx_ir as ir
 import onnx_ir.passes.common as passes
 from onnxscript import optimizer, rewriter
@@ -50,6 +51,7 @@ def _rules() -> list[Any]:
         common.fuse_batchnorm_into_conv_rule,
         common.fuse_batchnorm_into_gemm_rule,
         pattern.RewriteRule(_root_of_squares, _norm, name="norm"),
+        pattern.RewriteRule(_root_of_dot, _last_norm, _is_dot, name="norm of a product"),
         pattern.RewriteRule(_square, _product, _is_two, name="square"),
     ]
 
@@ -62,6 +64,26 @@ def _root_of_squares(op: Any, values: Any, axes: Any) -> Any:
 def _norm(op: Any, values: Any, axes: Any, **bound: Any) -> Any:
     keeps = bound["sum"].producer().attributes.get("keepdims")
     return op.ReduceL2(values, axes, keepdims=1 if keeps is None else keeps.as_int())
+
+
+def _root_of_dot(op: Any, values: Any, row: Any, column: Any, first: Any, second: Any) -> Any:
+    """How PyTorch traces the root of `vecdot(x, x)`: as a product of matrices."""
+    product = op.MatMul(op.Unsqueeze(values, row), op.Unsqueeze(values, column))
+    inner = op.Gather(product, first, _allow_other_attributes=True)
+    return op.Sqrt(op.Gather(inner, second, _allow_other_attributes=True))
+
+
+def _is_dot(_: Any, values: Any, row: Any, column: Any, **__: Any) -> bool:
+    if values.shape is None or row.const_value is None or column.const_value is None:
+        return False
+    rank = len(values.shape)
+    axes = [int(axis.const_value.numpy().item()) for axis in (row, column)]
+    return axes == [rank - 1, rank]
+
+
+def _last_norm(op: Any, values: Any, **_: Any) -> Any:
+    axes = op.Constant(value=ir.tensor(np.array([-1], dtype=np.int64)))
+    return op.ReduceL2(values, axes, keepdims=0)
 
 
 def _square(op: Any, values: Any, exponent: Any) -> Any:
