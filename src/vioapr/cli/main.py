@@ -15,9 +15,11 @@ import tyro
 from vioapr.cli.convert import convert
 from vioapr.cli.demo import demo
 from vioapr.cli.evaluate import evaluate
+from vioapr.cli.export import export
 from vioapr.cli.fuse import fuse
 from vioapr.cli.import_ import import_
 from vioapr.cli.inspect import inspect
+from vioapr.cli.localize import localize_
 from vioapr.cli.map_scene import map_
 from vioapr.cli.predict import predict
 from vioapr.cli.reproduce import reproduce_7scenes, reproduce_cambridge, reproduce_marvin
@@ -43,6 +45,8 @@ VERBS: dict[str, Callable[..., Any]] = {
     "reproduce 7scenes": reproduce_7scenes,
     "reproduce cambridge": reproduce_cambridge,
     "simulate courtyard": simulate_courtyard,
+    "export": export,
+    "localize": localize_,
     "demo": demo,
 }
 

@@ -79,7 +79,7 @@ def evaluate_cases(
     for name, params in params_of_method.items():
         walks = [case.frames for case in cases]
         fused = fuse_walks(get_method(name), params, walks, view=view, tick=tick)
-        results += [_judge(case, name, walk) for case, walk in zip(cases, fused, strict=True)]
+        results += [judge(case, name, walk) for case, walk in zip(cases, fused, strict=True)]
     return results
 
 
@@ -91,7 +91,8 @@ def count_ticks(cases: Sequence[Case], methods: Sequence[str]) -> int:
     )
 
 
-def _judge(case: Case, method: str, fused: FusedWalk) -> Result:
+def judge(case: Case, method: str, fused: FusedWalk) -> Result:
+    """Compare a method's estimates of a case's frames with ground truth."""
     rows = case.has_gt
     gt = case.gt_world_from_cam.at(rows)
     inputs = case.frames.inputs

@@ -191,6 +191,9 @@ def view_gaps_within(places_m: Array, directions: Array) -> ViewGaps:
 def squared_distances(points: Array) -> Array:
     """Between all pairs, shape (..., n, 3) to (..., n, n); best for points near the origin."""
     xp = namespace(points)
+    if points.dtype != xp.float64:  # the product below would cancel half of the few digits
+        gaps = points[..., :, None, :] - points[..., None, :, :]
+        return xp.sum(gaps * gaps, axis=-1)
     squares = xp.sum(points * points, axis=-1, keepdims=True)
     ones = xp.ones_like(squares)
     # |a|^2 + |b|^2 - 2 a b as one product: a pass over the pairs instead of four.

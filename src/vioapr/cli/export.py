@@ -1,0 +1,72 @@
+"""`vioapr export`: a trained regressor and a fusion method as files for phones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tyro
+
+from vioapr.cli.console import console
+from vioapr.cli.method_params import MethodParams, params_for
+from vioapr.errors import FormatError, MissingExtraError, ParameterError
+from vioapr.fusion.methods import DEFAULT_METHOD, get_method
+
+_PRECISIONS = ("fp32", "fp16w", "int8w", "int8-qdq")
+
+
+def export(
+    checkpoint: tyro.conf.Positional[Path],
+    out: Path,
+    method: str = DEFAULT_METHOD,
+    precision: str = "fp32",
+    split: bool = False,
+    calibration: Path | None = None,
+    params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
+) -> None:
+    """Export the whole localizer as one ONNX file: image and tracker pose in, fused pose out.
+
+    docs/contract.md says how to call it from any language (pip install 'vioapr[export]').
+
+    Args:
+        checkpoint: What `vioapr train` wrote.
+        out: ONNX file to write; with --split, the pair <name>.apr.onnx and <name>.fusion.onnx.
+        method: How to fuse: consensus or vio-apr (the paper's).
+        precision: fp32; fp16w: half-precision weights, for half the size; int8w: weights of 8
+            bits, for a quarter; int8-qdq: arithmetic of 8 bits too, faster, not for Unity.
+        split: Write regressor and fusion as two files, e.g. for a browser with WebGPU.
+        calibration: For int8-qdq: a scene, of whose training images some are used.
+        params: Parameters of the methods. Those that the file takes as input are its defaults.
+    """
+    if precision not in _PRECISIONS:
+        raise ParameterError(
+            f"--precision: expected one of {', '.join(_PRECISIONS)}, got {precision!r}"
+        )
+    if (precision == "int8-qdq") != (calibration is not None):
+        raise ParameterError("--precision int8-qdq and --calibration SCENE go together")
+    chosen = get_method(method)
+    try:
+        from vioapr.deploy.export import Exporter
+        from vioapr.regression import checkpoint as checkpoints
+    except ImportError as error:
+        raise MissingExtraError("vioapr export", error.name or "onnx", "export") from None
+    loaded = checkpoints.load(checkpoint)
+    exporter = Exporter(loaded.network, loaded.spec, chosen, params_for(method, params))
+    images = None
+    if calibration is not None:
+        from vioapr.deploy.calibration import training_images
+
+        images = training_images(calibration, exporter.preprocess)
+    if split:
+        apr, fusion = exporter.export_split(precision, images)
+        _write(out.with_suffix(".apr.onnx"), apr.content)
+        _write(out.with_suffix(".fusion.onnx"), fusion.content)
+    else:
+        _write(out, exporter.export(precision, images).content)
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise FormatError(path, f"cannot be written: {error.strerror}") from None
+    console.print(f"{path}: {len(content) / 1e6:.2f} MB", markup=False, soft_wrap=True)

@@ -1,0 +1,105 @@
+"""Makes the golden vectors anew: `python tests/golden/make.py`.
+
+Each file holds frames of a simulated walk and what a fusion method answers in NumPy, in double
+precision, from inputs in single precision. What is NaN is null. docs/contract.md describes the
+names. Make them anew only if a method is meant to answer differently.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vioapr.fusion.localizer import Localizer
+from vioapr.fusion.types import Estimate
+from vioapr.geometry.rigid import Rigid3
+from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+
+FOLDER = Path(__file__).parent
+METHODS = ("vio-apr", "consensus")
+FRAMES = 60
+SIGMAS = (
+    "sigma_position_m",
+    "sigma_orientation_deg",
+    "sigma_position_axes_m",
+    "sigma_orientation_axes_deg",
+)
+
+
+def make_frames() -> list[dict[str, Any]]:
+    """Inputs: frames without predictions, a tracker that is lost twice and reset once."""
+    walk = simulate_walk(WalkParams(duration_s=FRAMES / 2, extent_m=12), seed=11)
+    frames = []
+    for row, time_s in enumerate(walk.gt.timestamps_s):
+        apr, vio = (
+            np.concatenate([track.positions_m[row], track.quats_xyzw[row]])
+            for track in (walk.apr, walk.vio)
+        )
+        has_apr, is_ok = row >= 2 and row % 6 != 4, row not in (24, 25, 26, 47)
+        frames.append(
+            {
+                "timestamp_s": float(np.float32(time_s)),
+                "apr_world_from_cam": _numbers(apr) if has_apr else None,
+                "has_apr": int(has_apr),
+                "vio_from_cam": _numbers(vio) if is_ok else None,
+                "tracking_ok": int(is_ok),
+                "tracking_reset": int(row == 38),
+            }
+        )
+    return frames
+
+
+def answer(method: str, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A method's answers in NumPy."""
+    localizer = Localizer(method)
+    return [
+        describe(
+            localizer.update(
+                frame["timestamp_s"],
+                _pose(frame["apr_world_from_cam"]),
+                _pose(frame["vio_from_cam"]),
+                bool(frame["tracking_ok"]),
+                tracking_reset=bool(frame["tracking_reset"]),
+            )
+        )
+        for frame in frames
+    ]
+
+
+def describe(estimate: Estimate) -> dict[str, Any]:
+    """An estimate under the contract's names."""
+    sigmas = {name: getattr(estimate, name) for name in SIGMAS}
+    return {
+        "status": int(estimate.status),
+        "confirmed_run": int(estimate.confirmed_run),
+        "world_from_cam": _numbers(np.concatenate([*estimate.world_from_cam])),
+        "world_from_vio": _numbers(np.concatenate([*estimate.world_from_vio])),
+        **{k: _numbers(np.reshape(v, -1)) for k, v in sigmas.items() if v is not None},
+    }
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    """In single precision's digits; null for NaN."""
+    return [float(f"{x:.9g}") if np.isfinite(x) else None for x in values.astype(np.float32)]
+
+
+def _pose(flat: list[float] | None) -> Rigid3 | None:
+    return None if flat is None else Rigid3(np.array(flat[:3]), np.array(flat[3:]))
+
+
+def main() -> None:
+    """Write all files."""
+    frames = make_frames()
+    for method in METHODS:
+        pairs = zip(frames, answer(method, frames), strict=True)
+        rows = [json.dumps({"inputs": inputs, "outputs": outputs}) for inputs, outputs in pairs]
+        head = f'"format": "vioapr golden vectors", "version": 1, "method": "{method}"'
+        text = f'{{{head}, "frames": [\n' + ",\n".join(rows) + "\n]}\n"
+        (FOLDER / f"{method}.json").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
