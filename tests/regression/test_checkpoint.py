@@ -53,7 +53,7 @@ def test_half_written(saved, kept):
 
 
 def test_something_else(saved, tmp_path):
-    path, network = saved
+    path, _ = saved
     with pytest.raises(FormatError, match="found no file of this name"):
         load(tmp_path / "none.safetensors")
     save_file({"a": torch.zeros(1)}, path)
