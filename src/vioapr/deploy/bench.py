@@ -21,7 +21,7 @@ _NETWORK_INPUT = "network_input"
 _RAPL = Path("/sys/class/powercap/intel-rapl:0")
 _WARM_UP = 5
 
-Feed = dict[str, NDArray]
+Feed = dict[str, NDArray[Any]]
 
 
 def bench(
@@ -80,7 +80,7 @@ def bench(
 def example_feed(contract: Contract, size: tuple[int, int]) -> Feed:
     """A frame with image and tracking, from no knowledge."""
     pixels = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    feed = {
+    feed: Feed = {
         spec.name: np.zeros([1 if isinstance(n, str) else n for n in spec.shape], np.float32)
         for spec in contract.inputs
     }

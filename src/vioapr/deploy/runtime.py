@@ -263,7 +263,7 @@ def _check_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _check_pose(vio_from_cam: Rigid3) -> NDArray[np.float32]:
-    flat = np.concatenate([np.asarray(part, dtype=np.float64) for part in vio_from_cam])
+    flat = np.concatenate([np.asarray(part, dtype=np.float64) for part in vio_from_cam], axis=-1)
     if flat.shape != (7,) or not np.isfinite(flat).all():
         raise ContractError(
             "vio_from_cam: expected one pose of finite numbers (None where the tracker is lost), "
