@@ -42,7 +42,7 @@ PRECISIONS = ("fp16w", "int8w", "int8-qdq")
 SIZE_PX = (480, 640)
 
 _PEAK = """
-import resource, sys
+import sys
 from pathlib import Path
 import numpy as np
 from vioapr.deploy.runtime import OnnxLocalizer
@@ -51,7 +51,8 @@ localizer = OnnxLocalizer(Path(sys.argv[1]), threads=1)
 for k in range(10):
     image = np.zeros((480, 640, 3), dtype=np.uint8)
     localizer.update(k, image, Rigid3.identity())
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)
+status = Path("/proc/self/status").read_text()
+print(int(status.split("VmHWM:")[1].split()[0]) / 1e3)
 """
 
 
