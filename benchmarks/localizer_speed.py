@@ -1,6 +1,6 @@
 """What the whole localizer costs beside the bare regressor, in the same runtime and run.
 
-    python benchmarks/localizer_speed.py [--quick] [--json PATH]
+    python benchmarks/localizer_speed.py [--quick] [--json PATH] [--docs docs/deployment.md]
 
 Networks are `vioapr.regression`'s with random weights, which are as fast as trained ones. The
 whole file and its parts take turns, so that a slow spell of the machine hits all; shares are
@@ -25,7 +25,7 @@ import numpy as np
 import onnx
 import torch
 import tyro
-from common import describe_machine, write_json
+from common import describe_machine, replace_section, write_json
 from rich.console import Console
 from rich.table import Table
 
@@ -62,6 +62,8 @@ class Config:
 
     json: Path | None = None
     """Where to write the results."""
+    docs: Path | None = None
+    """Document whose section `localizer_speed` to write."""
     quick: bool = False
     """A small job that only shows that everything runs."""
     repeats: int = 100
@@ -144,8 +146,10 @@ def main(config: Config) -> None:
                 path.unlink()
                 tick()
     Console(width=150).print(make_table(results))
+    machine = describe_machine(["numpy", "torch", "onnxruntime"])
+    if config.docs is not None:
+        replace_section(config.docs, "localizer_speed", to_markdown(results, machine))
     if config.json is not None:
-        machine = describe_machine(["numpy", "torch", "onnxruntime"])
         content = {"machine": machine, "image_px": SIZE_PX, "results": results}
         write_json(config.json, content)
 
@@ -169,6 +173,36 @@ def make_table(results: dict[str, Any]) -> Table:
                 f"{timed['whole_over_image_to_pose']:.3f}",
             )
     return table
+
+
+def to_markdown(results: dict[str, Any], machine: dict[str, str]) -> str:
+    """The figures as a table, with the machine's name."""
+    lines = [
+        f"{machine['cpu']}, {machine['cores']} cores, onnxruntime {machine['onnxruntime']}; images "
+        f"{SIZE_PX[1]}x{SIZE_PX[0]}; ms are medians, 1 / 2 threads; shares are medians of paired "
+        "ratios.",
+        "",
+        "| | MB | peak memory MB | whole ms | preprocessing | network | fusion "
+        "| whole / image to pose | whole / network |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, found in results.items():
+        timed = [found[f"threads_{threads}"] for threads in (1, 2)]
+        cells = [f"{found['file_mb']:.1f}", f"{found['peak_memory_mb']:.0f}"]
+        for part in ("whole", "preprocess", "network", "fusion"):
+            cells.append(" / ".join(f"{one['ms'][part]['p50']:.1f}" for one in timed))
+        for ratio in ("whole_over_image_to_pose", "whole_over_regressor"):
+            cells.append(" / ".join(f"{one[ratio]:.3f}" for one in timed))
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    nodes = {name.split()[1]: found["nodes"] for name, found in results.items()}
+    counts = ", ".join(f"{method} {count['fusion']}" for method, count in nodes.items())
+    lines += ["", f"Operators of fusion: {counts}; of preprocessing: {count_of(nodes)}."]
+    return "\n".join(lines) + "\n"
+
+
+def count_of(nodes: dict[str, dict[str, int]]) -> int:
+    """Operators of preprocessing, the same in all files."""
+    return next(iter(nodes.values()))["preprocess"]
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.deploy.contract import Contract, ContractError
-from vioapr.deploy.runtime import open_session
+from vioapr.deploy.runtime import open_session, session_options
 from vioapr.errors import MissingExtraError
 
 PARTS = ("preprocess", "network", "fusion")
@@ -103,9 +103,7 @@ def part_runs(
     """
     import onnxruntime
 
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3
-    options.intra_op_num_threads = threads or 0
+    options = session_options(threads)
     known, runs = dict(feed), {}
     for name, content in split_parts(path, contract).items():
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
