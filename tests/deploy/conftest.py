@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+
 import numpy as np
 import pytest
 
@@ -14,10 +16,10 @@ EXPORTED = ("vio-apr", "consensus")
 
 @pytest.fixture(scope="session")
 def exporter_of():
-    """The exporter of a method, with a tiny network."""
+    """The exporter of a method, with a network that reads poses off pictures."""
     for package in ("torch", "onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(package, reason=f"{package} is not installed")
-    from deploy.networks import TinyNetwork, TinySpec
+    from deploy.networks import DecodingNetwork, TinySpec
     from vioapr.deploy.export import Exporter
 
     made = {}
@@ -25,7 +27,7 @@ def exporter_of():
     def make(name):
         if name not in made:
             method = METHODS[name]
-            network = TinyNetwork().eval()
+            network = DecodingNetwork(TinySpec()).eval()
             made[name] = Exporter(network, TinySpec(), method, method.params_type())
         return made[name]
 
@@ -60,6 +62,15 @@ def images(count, seed=0):
         level = 128 + 100 * np.sin(index / 7)
         noise = rng.normal(0, 25, (height, width, 3))
         yield np.clip(level + noise, 0, 255).astype(np.uint8)
+
+
+def pictures(walk):
+    """Pictures that show the walk's predictions, of different sizes."""
+    from deploy.networks import picture_of
+
+    for row, size in zip(range(len(walk.apr)), cycle(((48, 64), (64, 48), (120, 160)))):
+        pose = np.concatenate([walk.apr.positions_m[row], walk.apr.quats_xyzw[row]])
+        yield picture_of(pose, *size)
 
 
 def vio_pose(walk, row):

@@ -1,12 +1,15 @@
-"""A regressor that is small enough for tests."""
+"""Regressors that are small enough for tests."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
+
+from vioapr.deploy.preprocess import MEAN_RGB, STD_RGB
 
 
 class TinyPrediction(NamedTuple):
@@ -54,3 +57,56 @@ class WideNetwork(TinyNetwork):
         self.features = nn.Conv2d(3, 256, 8, stride=8)
         self.norm = nn.BatchNorm2d(256)
         self.head = nn.Linear(256, 9)
+
+
+RANGE_M = 64.0
+"""Coordinates that a picture can hold: from minus to plus this."""
+
+_GRID, _LEVELS = 4, 256
+
+
+def picture_of(pose: np.ndarray, height: int, width: int) -> np.ndarray:
+    """A picture that shows a pose, for `DecodingNetwork`: two grey patches a number.
+
+    Args:
+        pose: x y z qx qy qz qw.
+        height: A multiple of 4, at least 48.
+        width: Likewise.
+    """
+    scaled = np.concatenate([pose[:3] / RANGE_M, pose[3:]])
+    counts = np.rint((scaled + 1) / 2 * (_LEVELS**2 - 1)).astype(int)
+    digits = np.stack([counts // _LEVELS, counts % _LEVELS], axis=-1).reshape(-1)
+    patches = np.zeros(_GRID**2, dtype=np.uint8)
+    patches[: len(digits)] = digits
+    cell = np.ones((height // _GRID, width // _GRID, 3), dtype=np.uint8)
+    return np.kron(patches.reshape(_GRID, _GRID, 1), cell)
+
+
+class DecodingNetwork(nn.Module):
+    """Predicts the pose that a picture shows, so that walks can be told to any localizer."""
+
+    def __init__(self, spec: TinySpec) -> None:
+        super().__init__()
+        margin, cell = (spec.resize - spec.crop) // 2, spec.resize // _GRID
+        masks = torch.zeros(_GRID**2, spec.resize, spec.resize)
+        for index in range(_GRID**2):
+            top, left = (cell * k + cell // 2 - 2 for k in divmod(index, _GRID))
+            masks[index, top : top + 4, left : left + 4] = 1 / 16
+        inner = slice(margin, margin + spec.crop)
+        self.register_buffer("masks", masks[:14, inner, inner].reshape(14, -1).T.contiguous())
+        digits = torch.zeros(14, 7)
+        for number in range(7):
+            digits[2 * number : 2 * number + 2, number] = torch.tensor([_LEVELS, 1.0])
+        self.register_buffer("digits", digits * 2 / (_LEVELS**2 - 1))
+
+    def forward(self, images: Tensor) -> TinyPrediction:
+        grey = (images[:, 0] * STD_RGB[0] + MEAN_RGB[0]) * 255
+        scaled = grey.reshape(1, -1) @ self.masks @ self.digits - 1
+        quat = scaled[:, 3:]
+        spread = torch.exp(scaled[:, 0] * 0 - 1)
+        return TinyPrediction(
+            scaled[:, :3] * RANGE_M,
+            quat / torch.linalg.vector_norm(quat, dim=-1, keepdim=True),
+            spread,
+            spread * 0.1,
+        )

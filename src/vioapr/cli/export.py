@@ -8,6 +8,7 @@ import tyro
 
 from vioapr.cli.console import console
 from vioapr.cli.method_params import MethodParams, params_for
+from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import FormatError, MissingExtraError, ParameterError
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 
@@ -44,6 +45,7 @@ def export(
     if (precision == "int8-qdq") != (calibration is not None):
         raise ParameterError("--precision int8-qdq and --calibration SCENE go together")
     chosen = get_method(method)
+    require_torch("vioapr export")
     try:
         from vioapr.deploy.export import Exporter
         from vioapr.regression import checkpoint as checkpoints

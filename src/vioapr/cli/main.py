@@ -12,6 +12,7 @@ from typing import Any
 
 import tyro
 
+from vioapr.cli.bench import bench_
 from vioapr.cli.convert import convert
 from vioapr.cli.demo import demo
 from vioapr.cli.evaluate import evaluate
@@ -47,6 +48,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "simulate courtyard": simulate_courtyard,
     "export": export,
     "localize": localize_,
+    "bench": bench_,
     "demo": demo,
 }
 

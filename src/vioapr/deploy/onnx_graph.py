@@ -37,7 +37,7 @@ def trace(
         name: {axis: torch.export.Dim(size) for axis, size in axes.items()}
         for name, axes in (free_sizes or {}).items()
     }
-    with warnings.catch_warnings(), _quiet("torch.onnx"):
+    with warnings.catch_warnings(), _quiet("torch.onnx"), _quiet("onnxscript"), _quiet("onnx_ir"):
         warnings.simplefilter("ignore")  # about PyTorch's own insides
         program = torch.onnx.export(
             module,

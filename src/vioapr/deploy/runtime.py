@@ -71,9 +71,7 @@ def open_session(path: Path, threads: int | None = None) -> tuple[Any, Contract]
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no file of this name"
         raise ContractError(f"{path}: expected a localizer (.onnx), found {found}")
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3
-    options.intra_op_num_threads = threads or 0
+    options = session_options(threads)
     try:
         content = path.read_bytes()
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
@@ -88,6 +86,18 @@ def open_session(path: Path, threads: int | None = None) -> tuple[Any, Contract]
     contract = contracts.parse(metadata.get(contracts.METADATA_KEY), str(path))
     _check_session(session, contract, path)
     return session, contract
+
+
+def session_options(threads: int | None) -> Any:
+    """onnxruntime's options for one of several sessions of a process."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    options.intra_op_num_threads = threads or 0
+    # Between frames, idle workers would take the processor from other sessions, and the battery.
+    options.add_session_config_entry("session.force_spinning_stop", "1")
+    return options
 
 
 def _first_line(error: Exception) -> str:
@@ -263,7 +273,7 @@ def _check_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _check_pose(vio_from_cam: Rigid3) -> NDArray[np.float32]:
-    flat = np.concatenate([np.asarray(part, dtype=np.float64) for part in vio_from_cam])
+    flat = np.concatenate([np.asarray(part, dtype=np.float64) for part in vio_from_cam], axis=-1)
     if flat.shape != (7,) or not np.isfinite(flat).all():
         raise ContractError(
             "vio_from_cam: expected one pose of finite numbers (None where the tracker is lost), "

@@ -19,8 +19,9 @@ from onnxscript.rewriter.rules import common
 
 def simplify(model: Any) -> None:
     """Fold constants, drop what is not used or done twice, and merge nodes; in place."""
+    passes.InlinePass()(model)
     for _ in range(2):
-        optimizer.fold_constants_ir(model)
+        optimizer.fold_constants_ir(model, onnx_shape_inference=True)
         rewriter.rewrite(model, _rules())
     tidying = ir.passes.Sequential(
         passes.IdentityEliminationPass(),

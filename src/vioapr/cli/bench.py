@@ -1,0 +1,80 @@
+"""`vioapr bench`: how long an exported localizer takes on this machine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.table import Table
+
+from vioapr.cli.console import console, progress
+from vioapr.deploy.bench import bench
+from vioapr.errors import ParameterError
+from vioapr.formats.base import write_text
+
+_LABELS = {
+    "whole": "whole localizer",
+    "preprocess": "image to network input",
+    "network": "regressor",
+    "fusion": "fusion",
+}
+
+
+def bench_(
+    model: tyro.conf.Positional[Path],
+    threads: int | None = None,
+    height: int = 480,
+    width: int = 640,
+    repeats: int = 100,
+    json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+) -> None:
+    """Measure an exported localizer: latency by part, memory, size and energy.
+
+    Args:
+        model: What `vioapr export` wrote.
+        threads: For every operator; by default, all cores.
+        height: Of the images, pixels.
+        width: Of the images, pixels.
+        repeats: How often every part is run, in turns.
+        json_out: JSON to write the figures to.
+    """
+    for flag, value in (("height", height), ("width", width), ("repeats", repeats)):
+        if value < 1:
+            raise ParameterError(f"--{flag}: expected at least 1, got {value}")
+    if threads is not None and threads < 1:
+        raise ParameterError(f"--threads: expected at least 1, got {threads}")
+    with progress("measuring", repeats) as tick:
+        found = bench(model, size=(height, width), repeats=repeats, threads=threads, tick=tick)
+    _print(found)
+    if json_out is not None:
+        write_text(json_out, json.dumps(found, indent=1) + "\n")
+
+
+def _print(found: dict[str, Any]) -> None:
+    title = (
+        f"{found['file']}: {found['regressor'].get('model')} {found['precision']}, "
+        f"{found['method']}; images {found['image_px'][1]}x{found['image_px'][0]}, "
+        f"{found['threads']} threads"
+    )
+    table = Table(title=title, title_justify="left")
+    table.add_column("ms a frame")
+    for header in ("median", "p95", "p99", "of the whole"):
+        table.add_column(header, justify="right")
+    whole = found["ms"]["whole"]["p50"]
+    for name, ms in found["ms"].items():
+        share = f"{100 * ms['p50'] / whole:.0f} %"
+        table.add_row(_LABELS[name], *(f"{ms[k]:.2f}" for k in ("p50", "p95", "p99")), share)
+    console.print(table)
+    memory, energy = found["memory_mb"], found["energy_j"]
+    facts = [
+        f"file {found['file_mb']:.1f} MB",
+        f"memory {'unknown' if memory is None else f'{memory:.0f} MB'}",
+        "energy "
+        + ("not exposed by this machine" if energy is None else f"{1e3 * energy:.1f} mJ a frame"),
+        found["machine"],
+    ]
+    console.print("; ".join(facts), soft_wrap=True, markup=False)
+    if found["note"]:
+        console.print(found["note"], soft_wrap=True, markup=False)

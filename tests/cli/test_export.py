@@ -1,0 +1,95 @@
+"""`vioapr export`: from a checkpoint to files that run."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from deploy.conftest import images
+
+pytestmark = pytest.mark.slow
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+for package in ("onnx", "onnxscript", "onnxruntime", "safetensors"):
+    pytest.importorskip(package, reason=f"{package} is not installed")
+
+from vioapr.deploy.runtime import OnnxLocalizer, open_session  # noqa: E402
+from vioapr.geometry.rigid import Rigid3  # noqa: E402
+from vioapr.recording.frames import Tracking  # noqa: E402
+from vioapr.recording.info import RecordingInfo  # noqa: E402
+from vioapr.recording.scene import Scene  # noqa: E402
+from vioapr.recording.writer import RecordingWriter  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    from vioapr.regression.checkpoint import save_regressor
+    from vioapr.regression.networks import build
+    from vioapr.regression.spec import RegressorSpec
+
+    torch.manual_seed(0)
+    spec = RegressorSpec("mobile", ("courtyard",), resize=64, crop=56)
+    path = tmp_path_factory.mktemp("checkpoint") / "regressor.safetensors"
+    save_regressor(path, build(spec), spec, {})
+    return path
+
+
+@pytest.fixture
+def scene(tmp_path):
+    scene = Scene.create(tmp_path / "scene", "Courtyard", is_outdoor=True)
+    with RecordingWriter(scene.recording_folder("walk"), RecordingInfo(tracker="ARKit")) as writer:
+        for row, image in enumerate(images(6)):
+            pose = Rigid3(np.array([row, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+            writer.add_frame(row, f"{row}.jpg", image, Tracking.NORMAL, pose)
+    scene = scene.with_recording("walk", "train")
+    scene.save()
+    return scene.folder
+
+
+def test_a_checkpoint_becomes_one_file(run, checkpoint, tmp_path):
+    from vioapr.deploy.preprocess import Preprocessor
+    from vioapr.regression.checkpoint import load
+
+    out = tmp_path / "localizer.onnx"
+    code, text, err = run(
+        "export", checkpoint, "--method", "vio-apr", "--n", "3", "--out", out,
+        "--precision", "fp16w",
+    )  # fmt: skip
+    assert code == 0, err
+    assert "MB" in text
+    localizer = OnnxLocalizer(out)
+    assert localizer.contract.precision == "fp16w"
+    assert localizer.contract.regressor == {"model": "mobile", "scenes": ["courtyard"]}
+    assert localizer.params["run_pairs"] == 3
+    image = next(images(1))
+    located = localizer.update(0.0, image, Rigid3.identity())
+    with torch.no_grad():
+        expected = load(checkpoint).network(Preprocessor(64, 56)(torch.from_numpy(image)))
+    found = located.apr_world_from_cam.translation_m
+    np.testing.assert_allclose(found, expected.position_m[0], atol=2e-2)
+
+
+def test_int8_is_calibrated_on_the_scene_and_split(run, checkpoint, scene, tmp_path):
+    code, _, err = run(
+        "export", checkpoint, "--method", "vio-apr", "--out", tmp_path / "pair.onnx", "--split",
+        "--precision", "int8-qdq", "--calibration", scene,
+    )  # fmt: skip
+    assert code == 0, err
+    session, contract = open_session(tmp_path / "pair.apr.onnx")
+    assert (contract.part, contract.precision) == ("apr", "int8-qdq")
+    assert open_session(tmp_path / "pair.fusion.onnx")[1].part == "fusion"
+    feed = {"image": next(images(1)), "has_image": np.ones(1, dtype=np.float32)}
+    assert all(np.isfinite(output).all() for output in session.run(None, feed))
+
+
+def test_what_cannot_be_exported(fails, checkpoint, tmp_path, monkeypatch):
+    out = ("--out", tmp_path / "x.onnx")
+    assert "--method pose-graph" in fails("export", checkpoint, *out, "--method", "pose-graph")
+    assert "expected one of fp32" in fails("export", checkpoint, *out, "--precision", "int4")
+    assert "go together" in fails("export", checkpoint, *out, "--precision", "int8-qdq")
+    assert "found no file" in fails("export", tmp_path / "none.safetensors", *out)
+    (tmp_path / "torn.safetensors").write_bytes(checkpoint.read_bytes()[:1000])
+    assert "half-written" in fails("export", tmp_path / "torn.safetensors", *out)
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    monkeypatch.delitem(sys.modules, "vioapr.deploy.export", raising=False)
+    monkeypatch.delitem(sys.modules, "vioapr.deploy.onnx_graph", raising=False)
+    assert "pip install 'vioapr[export]'" in fails("export", checkpoint, *out)

@@ -1,0 +1,275 @@
+"""`vioapr localize` and `vioapr bench` on an exported file."""
+
+import csv
+import json
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deploy.conftest import exporter_of, images, model_of  # noqa: F401
+from vioapr.deploy.contract import METADATA_KEY
+from vioapr.errors import VioAprError
+from vioapr.formats import tum
+from vioapr.recording.frames import Tracking
+from vioapr.recording.info import RecordingInfo
+from vioapr.recording.scene import Scene
+from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.recording.writer import RecordingWriter
+
+pytestmark = pytest.mark.slow
+FRAMES = 20
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A scene with one test recording with pictures and ground truth."""
+    walk = simulate_walk(WalkParams(duration_s=FRAMES / 2, extent_m=8), seed=5)
+    scene = Scene.create(tmp_path / "scene", "Place", is_outdoor=True)
+    with RecordingWriter(scene.recording_folder("walk"), RecordingInfo(tracker="ARKit")) as writer:
+        for row, image in enumerate(images(FRAMES)):
+            is_lost = row == 12
+            writer.add_frame(
+                float(walk.gt.timestamps_s[row]),
+                "" if row == 7 else f"{row:04d}.jpg",
+                None if row == 7 else image,
+                Tracking.LOST if is_lost else Tracking.NORMAL,
+                None if is_lost else walk.vio.target_from_source.at(row),
+            )
+    scene = scene.with_recording("walk", "test")
+    scene.save()
+    scene.write_gt("walk", walk.gt)
+    return scene
+
+
+@pytest.fixture
+def recording(scene):
+    return scene.recording_folder("walk")
+
+
+@pytest.fixture
+def model(model_of):  # noqa: F811
+    return model_of("consensus")
+
+
+def rows_of(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_recording_becomes_a_csv_and_a_report(run, model, recording, tmp_path):
+    out = tmp_path / "fused.csv"
+    code, text, err = run(
+        "localize", "--model", model, "--recording", recording, "--out", out,
+        "--report", tmp_path / "report",
+    )  # fmt: skip
+    assert code == 0, err
+    rows = rows_of(out)
+    assert len(rows) == FRAMES
+    assert [row["status"] for row in rows[:1]] == ["optimized"]
+    assert rows[7]["status"] == "tracked"  # the frame without image
+    assert rows[12]["status"] == "predicted"  # the one without tracking
+    assert np.isfinite([float(row["sigma_position_m"]) for row in rows]).all()
+    assert "consensus" in text
+    assert "vio-apr" in text
+    assert (tmp_path / "report" / "index.html").exists()
+
+
+def test_images_with_a_trajectory_give_the_same(run, model, recording, tmp_path, scene):
+    whole, some = tmp_path / "whole.csv", tmp_path / "some.csv"
+    run("localize", "--model", model, "--recording", recording, "--out", whole)
+    vio = scene.recording("walk").frames.to_trajectory()
+    lines = ["# timestamp_s x y z qx qy qz qw"]
+    for row in range(len(vio)):
+        values = [vio.timestamps_s[row], *vio.positions_m[row], *vio.quats_xyzw[row]]
+        lines.append(" ".join(repr(float(value)) for value in values))
+    (tmp_path / "vio.tum").write_text("\n".join(lines) + "\n")
+    for row in range(FRAMES):  # images named by their time
+        path = recording / "images" / f"{row:04d}.jpg"
+        if path.exists():
+            path.rename(path.with_name(f"{(row + 1) / 2:.6f}.jpg"))
+    code, _, err = run(
+        "localize", "--model", model, "--images", recording / "images" / "*.jpg",
+        "--vio", tmp_path / "vio.tum", "--out", some,
+    )  # fmt: skip
+    assert code == 0, err
+    expected, found = rows_of(whole), rows_of(some)
+    assert len(found) == FRAMES - 1  # one frame had no image
+    for row in range(7):
+        assert found[row]["status"] == expected[row]["status"]
+        left, right = ([float(r[row][k]) for k in "xyz"] for r in (found, expected))
+        np.testing.assert_allclose(left, right, atol=1e-4)
+
+
+def test_it_runs_where_pytorch_cannot_be_imported(model, recording, tmp_path):
+    code = (
+        "import sys\n"
+        "class Blocked:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.split('.')[0] in ('torch', 'onnx', 'onnxscript', 'safetensors'):\n"
+        "            raise ModuleNotFoundError(name)\n"
+        "sys.meta_path.insert(0, Blocked())\n"
+        "from vioapr.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    arguments = ["--model", model, "--recording", recording, "--out", tmp_path / "f.csv"]
+    command = [sys.executable, "-c", code, "localize", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert len(rows_of(tmp_path / "f.csv")) == FRAMES
+    command = [sys.executable, "-c", code, "bench", str(model), "--repeats", "2"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "parts are not measured" in done.stdout
+
+
+def test_bench_prints_every_part(run, model, tmp_path):
+    code, out, err = run(
+        "bench", model, "--repeats", "5", "--threads", "1", "--json", tmp_path / "b.json"
+    )
+    assert code == 0, err
+    for part in ("whole localizer", "image to network input", "regressor", "fusion"):
+        assert part in out
+    found = json.loads((tmp_path / "b.json").read_text())
+    parts = [found["ms"][name]["p50"] for name in ("preprocess", "network", "fusion")]
+    assert all(ms > 0 for ms in parts)
+    assert found["ms"]["whole"]["p50"] <= found["ms"]["whole"]["p99"]
+    assert found["file_mb"] == pytest.approx(model.stat().st_size / 1e6)
+
+
+def test_view_and_rerun_say_what_is_missing(fails, model, recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
+    assert "pip install 'vioapr[viser]'" in fails(*base, "--view")
+    assert "pip install 'vioapr[rerun]'" in fails(*base, "--rrd", tmp_path / "walk.rrd")
+
+
+def test_onnxruntime_is_missing(fails, model, recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
+    assert "pip install 'vioapr[runtime]'" in fails(*base)
+
+
+def test_arguments_that_do_not_fit(fails, model, recording, tmp_path):
+    base = ("localize", "--model", model, "--out", tmp_path / "f.csv")
+    assert "either --recording DIR or --images" in fails(*base)
+    assert "give --vio FILE" in fails(*base, "--images", "*.jpg")
+    assert "has poses of its own" in fails(*base, "--recording", recording, "--vio", "v.tum")
+    assert "found no file" in fails(*base, "--images", tmp_path / "*.jpg", "--vio", "v.tum")
+    assert "--repeats" in fails("bench", model, "--repeats", "0")
+
+
+def altered(model, path, change):
+    import onnx
+
+    content = onnx.load(model)
+    change(content)
+    path.write_bytes(content.SerializeToString())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        ("truncated", "truncated, damaged or something"),
+        ("text", "truncated, damaged or something"),
+        ("empty", "truncated, damaged or something"),
+        ("missing", "found no file of this name"),
+        ("foreign", "found an ONNX file without the metadata 'vioapr'"),
+        ("future", "contract has version 99"),
+        ("garbled", "expected a contract in JSON"),
+        ("renamed", "expected the contract's inputs"),
+    ],
+)
+def test_a_bad_model_is_one_line(fails, model, recording, tmp_path, damage, message):
+    path = tmp_path / "bad.onnx"
+
+    def set_contract(text):
+        def change(content):
+            (entry,) = content.metadata_props
+            assert entry.key == METADATA_KEY
+            entry.value = text(entry.value)
+
+        return change
+
+    def rename(content):
+        from vioapr.deploy.onnx_graph import rename_input
+
+        rename_input(content, "timestamp_s", "time")
+
+    if damage == "truncated":
+        path.write_bytes(model.read_bytes()[: model.stat().st_size // 2])
+    elif damage in ("text", "empty"):
+        path.write_text("not a model" * (damage == "text"))
+    elif damage == "foreign":
+        altered(model, path, lambda content: content.metadata_props.pop())
+    elif damage == "future":
+        altered(model, path, set_contract(lambda t: t.replace('"version": 1', '"version": 99')))
+    elif damage == "garbled":
+        altered(model, path, set_contract(lambda t: t[:50]))
+    elif damage == "renamed":
+        altered(model, path, rename)
+    base = ("localize", "--model", path, "--recording", recording, "--out", tmp_path / "f.csv")
+    assert message in fails(*base)
+    assert not (tmp_path / "f.csv").exists()
+
+
+def test_a_broken_image_is_one_line(fails, model, recording, tmp_path):
+    image = recording / "images" / "0003.jpg"
+    image.write_bytes(image.read_bytes()[:200])
+    base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
+    assert "0003.jpg: expected an image" in fails(*base)
+
+
+def test_grey_and_transparent_images_are_read(run, model, recording, tmp_path):
+    Image.new("L", (30, 20), 99).save(recording / "images" / "0003.jpg")
+    base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
+    assert run(*base)[0] == 0
+
+
+def test_the_file_runs_in_an_environment_without_pytorch(model, recording, tmp_path):
+    """A new virtual environment that sees numpy and the like, but no PyTorch and no onnx."""
+    home = tmp_path / "venv"
+    venv.create(home, with_pip=False)
+    packages = Path(np.__file__).parents[1]
+    target = next(home.glob("lib/python*/site-packages"))
+    hidden = ("torch", "onnx-", "onnxscript", "onnx_ir", "functorch", "safetensors")
+    for entry in packages.iterdir():
+        if not entry.name.startswith(hidden) and entry.name != "onnx":
+            (target / entry.name).symlink_to(entry)
+    source = Path(sys.modules["vioapr"].__file__).parents[1]
+    python = home / "bin" / "python"
+    probe = [python, "-c", "import torch"]
+    assert subprocess.run(probe, capture_output=True, env={}).returncode != 0
+    arguments = ["--model", model, "--recording", recording, "--out", tmp_path / "f.csv"]
+    command = [python, "-m", "vioapr", "localize", *map(str, arguments)]
+    environment = {"PYTHONPATH": str(source), "HOME": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert len(rows_of(tmp_path / "f.csv")) == FRAMES
+
+
+def test_tum_ground_truth_may_be_given(run, model, recording, tmp_path, scene):
+    gt = tmp_path / "gt.tum"
+    tum.write(gt, scene.gt("walk"))
+    scene.gt_path("walk").unlink()
+    base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
+    assert "all frames" not in run(*base)[1]
+    assert "all frames" in run(*base, "--gt", gt)[1]
+
+
+def test_without_ground_truth_there_is_no_report(fails, model, recording, tmp_path, scene):
+    scene.gt_path("walk").unlink()
+    base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
+    assert "needs ground truth" in fails(*base, "--report", tmp_path / "report")
+
+
+def test_errors_are_the_projects_own():
+    from vioapr.deploy.contract import ContractError
+
+    assert issubclass(ContractError, VioAprError)
