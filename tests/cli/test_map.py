@@ -23,7 +23,7 @@ def test_map_says_what_it_found(run, room_folder):
     assert (room_folder / "map" / "report" / "index.html").exists()
     assert run("scene", "check", room_folder)[0] == 0
     _, again, _ = run("map", room_folder, *options)
-    assert "not repeated: features, matches, pruning, model, world, test" in again
+    assert "not repeated: features, matches, near, pruning, model, world, test" in again
     _, quality, _ = run("vio-quality", room_folder)
     assert "Room arkit" in quality
 

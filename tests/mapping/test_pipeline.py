@@ -98,11 +98,11 @@ def test_the_report_shows_it(mapped_room, copy_of):
 def test_nothing_finished_is_done_again(mapped_room, copy_of):
     scene = copy_of(mapped_room[0])
     again = map_scene(scene, QUICK)
-    steps = ["features", "matches", "pruning", "model", "world", "test"]
+    steps = ["features", "matches", "near", "pruning", "model", "world", "test"]
     assert again["reused_steps"] == steps
     assert again["model"] == mapped_room[1]["model"]
     other = map_scene(scene, MappingParams(**{**vars(QUICK), "mapper": "global"}))
-    assert other["reused_steps"] == ["features", "matches", "pruning"]
+    assert other["reused_steps"] == ["features", "matches", "near", "pruning"]
     assert other["recordings"]["a"]["registered"] == 8
 
 
@@ -112,7 +112,7 @@ def test_nothing_finished_is_done_again(mapped_room, copy_of):
     [
         ("finding features", 5, []),
         ("matching images", 5, ["features"]),
-        ("mapping (incremental)", 3, ["features", "matches", "pruning"]),
+        ("mapping (incremental)", 3, ["features", "matches", "near", "pruning"]),
     ],
 )
 def test_a_killed_run_resumes(room, copy_of, title, count, reused):
