@@ -89,7 +89,7 @@ def open_session(path: Path, threads: int | None = None) -> tuple[Any, Contract]
 
 
 def session_options(threads: int | None) -> Any:
-    """onnxruntime's options for one of several sessions of a process."""
+    """Onnxruntime's options for one of several sessions of a process."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
