@@ -94,7 +94,7 @@ class RerunFile:
             FormatError: The file cannot be written.
         """
         try:
-            import rerun
+            import rerun  # pyright: ignore[reportMissingImports]
         except ImportError:
             raise MissingExtraError("--rrd", "rerun-sdk", "rerun") from None
         if not path.resolve().parent.is_dir():
