@@ -8,6 +8,7 @@ import torch
 from tests.regression.toy import make_scene, params, spec
 
 from vioapr.errors import FormatError, ParameterError, TrainingError
+from vioapr.geometry import quaternion
 from vioapr.regression import training
 from vioapr.regression.augmentation import AugmentationParams, middle_crop
 from vioapr.regression.batches import Batch, BatchSource, epoch_order
@@ -15,7 +16,6 @@ from vioapr.regression.checkpoint import STATE_FILE, load, load_tensors
 from vioapr.regression.data import load_samples, split_frames
 from vioapr.regression.losses import LossParams
 from vioapr.regression.networks import build
-from vioapr.regression.networks.rotation import angle_rad
 from vioapr.regression.training import Learner, Run, set_units, train
 
 
@@ -75,7 +75,7 @@ def test_every_model_can_learn_one_batch_by_heart(samples, model, loss, lr):
     off_m = torch.linalg.vector_norm(found.position_m - position_m, dim=-1)
     spread_m = torch.linalg.vector_norm(position_m - position_m.mean(dim=0), dim=-1)
     assert off_m.median() < 0.15 * spread_m.median()
-    assert torch.rad2deg(angle_rad(found.quat_xyzw, quat)).median() < 3
+    assert quaternion.angle_between_deg(found.quat_xyzw, quat).median() < 3
 
 
 def weights_of(run):

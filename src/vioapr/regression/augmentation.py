@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from vioapr.errors import ParameterError
-from vioapr.regression.networks.rotation import matrix_of_quat, quat_of_log
+from vioapr.geometry import quaternion
 from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
 
 # Luma, and two axes of colour in which a turn is a change of hue (NTSC).
@@ -110,10 +110,9 @@ def augment(
         Images (B, 3, size, size), normalized, and the rotations that they show, (B, 4).
     """
     if params.turn_deg > 0:
-        half_rad = torch.deg2rad(drawn.turn * params.turn_deg) / 2
-        old_from_new = quat_of_log(half_rad)
+        old_from_new = quaternion.from_rotvec(torch.deg2rad(drawn.turn * params.turn_deg))
         views = _turned(images, old_from_new, camera, size)
-        quat_xyzw = _multiply(quat_xyzw, old_from_new)
+        quat_xyzw = quaternion.multiply(quat_xyzw, old_from_new)
     else:
         views = _crops(images, drawn.corner, size)
     return normalize(_jittered(views, params, drawn.colour)), quat_xyzw
@@ -141,7 +140,7 @@ def _turned(images: Tensor, old_from_new: Tensor, camera: Tensor, size: int) -> 
     x = ((axis_x[None, None, :] - cx) / fx).expand(-1, size, -1)
     y = ((axis_y[None, :, None] - cy) / fy).expand(-1, -1, size)
     rays = torch.stack([x, y, torch.ones_like(x)], dim=-1)
-    rays = torch.einsum("bij,bhwj->bhwi", matrix_of_quat(old_from_new), rays)
+    rays = torch.einsum("bij,bhwj->bhwi", quaternion.to_matrix(old_from_new), rays)
     depth = rays[..., 2].clamp_min(1e-6)
     # From 0 to 1 over the image to grid_sample's -1 to 1.
     grid = torch.stack([rays[..., 0] / depth * fx + cx, rays[..., 1] / depth * fy + cy], dim=-1)
@@ -170,13 +169,3 @@ def _colour_matrix(saturation: Tensor, hue_rad: Tensor) -> Tensor:
     rows = (one, zero, zero, zero, cosine, -sine, zero, sine, cosine)
     turned = torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
     return _RGB.to(hue_rad.device) @ turned @ _YIQ.to(hue_rad.device)
-
-
-def _multiply(left_xyzw: Tensor, right_xyzw: Tensor) -> Tensor:
-    """Hamilton product, (B, 4)."""
-    vector_l, scalar_l = left_xyzw[:, :3], left_xyzw[:, 3:]
-    vector_r, scalar_r = right_xyzw[:, :3], right_xyzw[:, 3:]
-    vector = scalar_l * vector_r + scalar_r * vector_l
-    vector = vector + torch.linalg.cross(vector_l, vector_r, dim=-1)
-    scalar = scalar_l * scalar_r - (vector_l * vector_r).sum(dim=-1, keepdim=True)
-    return torch.cat([vector, scalar], dim=-1)

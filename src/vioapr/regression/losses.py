@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vioapr.errors import ParameterError
+from vioapr.geometry import quaternion
 from vioapr.regression.networks.base import PoseNetwork, Raw
-from vioapr.regression.networks.rotation import angle_rad, matrix_of_quat
 
 LossName = Literal["learnable", "learnable-l2", "geometric"]
 
@@ -84,7 +84,8 @@ class PoseLoss(nn.Module):
         """Mean L1 displacement of points straight ahead and to all sides of the view."""
         places = [(x, y, 1.0) for x in (-0.6, 0.0, 0.6) for y in (-0.6, 0.0, 0.6)]
         points = self.params.depth * torch.tensor(places, device=off.device)
-        between = matrix_of_quat(network.code.to_quat(raw.rotation)) - matrix_of_quat(quat_xyzw)
+        said = network.code.to_quat(raw.rotation)
+        between = quaternion.to_matrix(said) - quaternion.to_matrix(quat_xyzw)
         moved = torch.einsum("bij,nj->bni", between, points) + off[:, None]
         return moved.abs().mean()
 
@@ -95,6 +96,7 @@ def _uncertainty(network: PoseNetwork, raw: Raw, off: Tensor, quat_xyzw: Tensor)
     The errors are taken as they are: this term teaches the uncertainty, not the pose.
     """
     with torch.no_grad():
-        angle = angle_rad(network.code.to_quat(raw.rotation), quat_xyzw)
-        sizes = torch.stack([off.abs().mean(dim=-1), angle / 3**0.5], dim=-1)
+        said = network.code.to_quat(raw.rotation)
+        angle_rad = torch.deg2rad(quaternion.angle_between_deg(said, quat_xyzw))
+        sizes = torch.stack([off.abs().mean(dim=-1), angle_rad / 3**0.5], dim=-1)
     return (sizes * torch.exp(-raw.log_sigma) + raw.log_sigma).mean()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vioapr.geometry import quaternion
 from vioapr.regression.data import Samples
 from vioapr.regression.networks import PoseNetwork
-from vioapr.regression.prediction import Predicted, predict_images
+from vioapr.regression.prediction import predict_images
 
 _MEDIAN_OF_MEAN = 0.891
 """Median of the mean of three absolute values of Laplace's distribution of size 1: a third of
@@ -27,26 +27,22 @@ def validate(
     """
     was_training = network.training
     network.eval()
-    images = (samples.read(np.array([row]))[0] for row in range(len(samples)))
+    images = (image for recording in samples.images for image in recording)
     predicted = predict_images(network, images, crop, device=device)
     network.train(was_training)
     off_m = np.abs(predicted.position_m - samples.position_m)
-    angle = _angle_rad(predicted, samples.quat_xyzw)
+    said = quaternion.normalize(predicted.quat_xyzw)
+    angle_rad = np.radians(quaternion.angle_between_deg(said, samples.quat_xyzw))
     median_m = float(np.median(np.linalg.norm(off_m, axis=-1)))
-    median_rad = float(np.median(angle))
+    median_rad = float(np.median(angle_rad))
     size_m = float(network.size_m.mean())
     return {
         "position_m": median_m,
         "orientation_deg": float(np.degrees(median_rad)),
         "score": median_m / size_m + median_rad,
         "sigma_position": _factor(off_m.mean(axis=-1), predicted.sigma_position_m),
-        "sigma_orientation": _factor(angle / 3**0.5, predicted.sigma_orientation_rad),
+        "sigma_orientation": _factor(angle_rad / 3**0.5, predicted.sigma_orientation_rad),
     }
-
-
-def _angle_rad(predicted: Predicted, quat_xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
-    found = predicted.quat_xyzw / np.linalg.norm(predicted.quat_xyzw, axis=-1, keepdims=True)
-    return quaternion.angle_rad(quaternion.multiply(found, quaternion.inverse(quat_xyzw)))
 
 
 def _factor(errors: NDArray[np.float64], sigmas: NDArray[np.float64]) -> float:

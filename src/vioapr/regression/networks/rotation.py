@@ -13,6 +13,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from vioapr.geometry import quaternion
+
 _TINY = 1e-12
 _EYE_6D = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
@@ -36,55 +38,13 @@ class RotationCode(NamedTuple):
     residual: Callable[[Tensor, Tensor], Tensor]
 
 
-def log_of_quat(quat_xyzw: Tensor) -> Tensor:
-    """Log-quaternion: axis times half the angle, rad; (B, 4) to (B, 3)."""
-    quat_xyzw = torch.where(quat_xyzw[:, 3:] < 0, -quat_xyzw, quat_xyzw)
-    vector, scalar = quat_xyzw[:, :3], quat_xyzw[:, 3:]
-    length = torch.linalg.vector_norm(vector, dim=-1, keepdim=True).clamp_min(_TINY)
-    return vector / length * torch.atan2(length, scalar)
-
-
 def quat_of_log(log_quat: Tensor) -> Tensor:
-    """Inverse of `log_of_quat`."""
+    """Log-quaternions, axis times half the angle in rad, to quaternions; (B, 3) to (B, 4).
+
+    As `quaternion.from_rotvec` of the double, but with a gradient at zero, which networks need.
+    """
     half = torch.sqrt((log_quat * log_quat).sum(dim=-1, keepdim=True) + _TINY)
     return torch.cat([log_quat * (torch.sin(half) / half), torch.cos(half)], dim=-1)
-
-
-def matrix_of_quat(quat_xyzw: Tensor) -> Tensor:
-    """Unit quaternions xyzw (B, 4) to rotation matrices (B, 3, 3)."""
-    x, y, z, w = quat_xyzw.unbind(dim=-1)
-    rows = (
-        1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
-        2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
-        2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
-    )  # fmt: skip
-    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
-
-
-def quat_of_matrix(matrix: Tensor) -> Tensor:
-    """Rotation matrices (B, 3, 3) to unit quaternions xyzw (B, 4).
-
-    Of the four products of a quaternion with one of its own components, the one with the
-    largest component is exact (Shepperd 1978); chosen without branches.
-    """
-    m = matrix
-    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
-    xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
-    xw, yw, zw = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
-    products = torch.stack(
-        [
-            torch.stack([1 + xx - yy - zz, xy, xz, xw], dim=-1),
-            torch.stack([xy, 1 - xx + yy - zz, yz, yw], dim=-1),
-            torch.stack([xz, yz, 1 - xx - yy + zz, zw], dim=-1),
-            torch.stack([xw, yw, zw, 1 + xx + yy + zz], dim=-1),
-        ],
-        dim=-2,
-    )
-    squares = products.diagonal(dim1=-2, dim2=-1)
-    is_largest = (squares >= squares.amax(dim=-1, keepdim=True)).to(matrix.dtype)
-    # Two may be equal: their rows agree up to sign, so the first alone must count.
-    is_first = is_largest * (is_largest.cumsum(dim=-1) < 1.5).to(matrix.dtype)
-    return functional.normalize((products * is_first[..., None]).sum(dim=-2), dim=-1)
 
 
 def _columns(code: Tensor) -> Tensor:
@@ -97,11 +57,11 @@ def _columns(code: Tensor) -> Tensor:
 def _quat_of_6d(code: Tensor) -> Tensor:
     first, second = _columns(code).unbind(dim=1)
     third = torch.linalg.cross(first, second, dim=-1)
-    return quat_of_matrix(torch.stack([first, second, third], dim=-1))
+    return quaternion.from_matrix(torch.stack([first, second, third], dim=-1))
 
 
 def _residual_6d(code: Tensor, quat_xyzw: Tensor) -> Tensor:
-    true = matrix_of_quat(quat_xyzw)[:, :, :2].transpose(1, 2)
+    true = quaternion.to_matrix(quat_xyzw)[:, :, :2].transpose(1, 2)
     return (_columns(code) - true).flatten(1)
 
 
@@ -113,7 +73,7 @@ def _residual_quat(code: Tensor, quat_xyzw: Tensor) -> Tensor:
 
 
 def _residual_log(code: Tensor, quat_xyzw: Tensor) -> Tensor:
-    return code - log_of_quat(quat_xyzw)
+    return code - quaternion.to_rotvec(quat_xyzw) / 2
 
 
 ROTATION_CODES = {
@@ -130,10 +90,3 @@ ROTATION_CODES = {
         RotationCode("6d", 6, _EYE_6D, _quat_of_6d, _residual_6d),
     )
 }  # fmt: skip
-
-
-def angle_rad(left_xyzw: Tensor, right_xyzw: Tensor) -> Tensor:
-    """Between rotations, shape (B,)."""
-    cosine = (left_xyzw * right_xyzw).sum(dim=-1).abs()
-    sine = torch.sqrt((1 - cosine * cosine).clamp_min(_TINY))
-    return 2 * torch.atan2(sine, cosine)
