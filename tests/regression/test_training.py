@@ -209,6 +209,11 @@ def test_turns_need_intrinsics(make_run, samples):
         train(run)
 
 
+def test_more_devices_than_images(make_run):
+    with pytest.raises(ParameterError, match="devices: expected at most 32, the training images"):
+        train(make_run(devices=64, batch_size=64))
+
+
 def test_tensorboard_logs_are_written(make_run):
     run = make_run(epochs=1)
     train(run)

@@ -26,7 +26,12 @@ from vioapr.regression.checkpoint import (
     save_tensors,
 )
 from vioapr.regression.data import Samples
-from vioapr.regression.distributed import start_fabric, synchronize_norms
+from vioapr.regression.distributed import (
+    ending_together,
+    mean_of_processes,
+    start_fabric,
+    synchronize_norms,
+)
 from vioapr.regression.journal import Journal
 from vioapr.regression.losses import LossParams, PoseLoss
 from vioapr.regression.networks import PoseNetwork
@@ -101,7 +106,6 @@ def train(run: Run, *, resume: bool = False) -> Journal:
         FormatError: A checkpoint is broken or cannot be written.
     """
     _check(run, resume)
-    fabric = start_fabric(run.params)
     learner = Learner(run.network, run.params.loss)
     learner.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
     optimizer = torch.optim.Adam(
@@ -111,6 +115,14 @@ def train(run: Run, *, resume: bool = False) -> Journal:
     journal = Journal.empty()
     if resume:
         journal = _restore(run, learner, optimizer)
+    fabric = start_fabric(run.params)
+    with ending_together(fabric):
+        _learn(run, fabric, learner, optimizer, journal)
+    return journal
+
+
+def _learn(run: Run, fabric: Fabric, learner: Learner, optimizer: Any, journal: Journal) -> None:
+    """The epochs that are left."""
     synchronize_norms(learner, fabric)
     wrapped, optimizer = fabric.setup(learner, optimizer, _reapply_compile=False)
     step = torch.compile(wrapped) if run.params.compile else wrapped
@@ -129,7 +141,6 @@ def train(run: Run, *, resume: bool = False) -> Journal:
                 journal.add(record)
             if fabric.broadcast(journal.is_stale(run.params.patience)):
                 break
-    return journal
 
 
 def _check(run: Run, resume: bool) -> None:
@@ -141,6 +152,11 @@ def _check(run: Run, resume: bool) -> None:
         )
     if resume and not state.exists():
         raise FormatError(state, "expected the state of a training run to resume, found none")
+    processes = run.params.devices * run.params.nodes
+    if len(run.samples) < processes:
+        raise ParameterError(
+            f"devices: expected at most {len(run.samples)}, the training images, got {processes}"
+        )
     turns = run.params.augmentation.turn_deg > 0
     if turns and not (run.samples.camera == run.samples.camera).all():
         raise TrainingError(
@@ -164,7 +180,8 @@ def _run_epoch(
     epoch: int,
 ) -> dict[str, float]:
     """One pass over the samples; returns what happened."""
-    torch.manual_seed(run.params.seed * 1_000_003 + epoch)
+    # What is dropped is not the same in every process, as it is not in every image.
+    torch.manual_seed((run.params.seed + fabric.global_rank) * 1_000_003 + epoch)
     learner.train()
     began, images = time.perf_counter(), 0
     total = torch.zeros((), device=fabric.device)
@@ -178,12 +195,12 @@ def _run_epoch(
             fabric.backward(loss)
             optimizer.step()
             optimizer.zero_grad()
-        total += loss.detach()
+        total += mean_of_processes(fabric, loss)
         images += run.params.batch_size
         if fabric.device.type == "cpu":  # elsewhere looking at every step would wait for it
-            _check_loss(run, total, epoch, number)
+            _check_loss(run, fabric, total, epoch, number)
         run.tick()
-    _check_loss(run, total, epoch, len(source) - 1)
+    _check_loss(run, fabric, total, epoch, len(source) - 1)
     record = {
         "loss": float(total) / len(source),
         "lr": lr,
@@ -199,8 +216,9 @@ def _channels_last(batch: Batch) -> Batch:
     return batch._replace(images=batch.images.contiguous(memory_format=torch.channels_last))
 
 
-def _check_loss(run: Run, total: Tensor, epoch: int, step: int) -> None:
-    if bool(torch.isfinite(total)):
+def _check_loss(run: Run, fabric: Fabric, total: Tensor, epoch: int, step: int) -> None:
+    # All processes have the same total; the first says what is wrong with it.
+    if not fabric.is_global_zero or bool(torch.isfinite(total)):
         return
     state = run.folder / STATE_FILE
     kept = (
