@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import tyro
+
 from vioapr.cli.console import console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
@@ -12,7 +14,7 @@ from vioapr.recording.scene import Scene
 
 
 def predict(
-    scene: Path,
+    scene: tyro.conf.Positional[Path],
     model: Path,
     split: Literal["train", "test", "all"] = "test",
     out: Path | None = None,
@@ -58,6 +60,12 @@ def predict(
             has_all &= write_walk(folder / id_, opened, id_)
             if len(regressor.spec.scenes) > 1:
                 _print_scenes(regressor.spec.scenes, opened.name, id_, predicted.scene)
+    if opened.name not in regressor.spec.scenes:
+        known = ", ".join(map(repr, regressor.spec.scenes))
+        console.print(
+            f"note: {opened.name!r} is none of the scenes that this regressor knows: {known}",
+            soft_wrap=True,
+        )
     console.print(f"predictions: {folder}", soft_wrap=True)
     if has_all:
         console.print(f"evaluate them: vioapr evaluate {folder}", soft_wrap=True)
