@@ -14,9 +14,10 @@ from vioapr.regression.augmentation import AugmentationParams, middle_crop
 from vioapr.regression.batches import Batch, BatchSource, epoch_order
 from vioapr.regression.checkpoint import STATE_FILE, load, load_tensors
 from vioapr.regression.data import load_samples, split_frames
+from vioapr.regression.learner import Learner, Run, set_units
 from vioapr.regression.losses import LossParams
 from vioapr.regression.networks import build
-from vioapr.regression.training import Learner, Run, set_units, train
+from vioapr.regression.training import train
 
 
 @pytest.fixture(scope="module")

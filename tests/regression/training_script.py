@@ -14,9 +14,10 @@ from tests.regression.toy import params, spec
 
 from vioapr.recording.scene import Scene
 from vioapr.regression.data import load_samples, split_frames
+from vioapr.regression.learner import Run, set_units
 from vioapr.regression.networks import build
 from vioapr.regression.networks.blocks import StochasticDepth
-from vioapr.regression.training import Run, set_units, train
+from vioapr.regression.training import train
 
 
 def main(folder: str, out: str, model: str, devices: str, epochs: str, batch: str) -> None:

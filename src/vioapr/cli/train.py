@@ -13,7 +13,7 @@ from vioapr.errors import ParameterError
 from vioapr.recording.scene import Scene
 
 if TYPE_CHECKING:
-    from vioapr.regression.training import Run
+    from vioapr.regression.learner import Run
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
@@ -136,8 +136,8 @@ def prepare(
 
     from vioapr.regression.checkpoint import load_backbone_weights
     from vioapr.regression.data import load_samples, split_frames
+    from vioapr.regression.learner import Run, set_units
     from vioapr.regression.networks import build
-    from vioapr.regression.training import Run, set_units
 
     if len(set(spec.scenes)) < len(spec.scenes):
         raise ParameterError(f"expected scenes of different names, got {', '.join(spec.scenes)}")

@@ -9,23 +9,15 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import torch
 from lightning_fabric import Fabric
-from torch import Tensor, nn
+from torch import Tensor
+from torch.optim import Optimizer
 
 from vioapr.errors import FormatError, ParameterError, TrainingError
 from vioapr.regression.batches import Batch, BatchSource
-from vioapr.regression.checkpoint import (
-    REGRESSOR_FILE,
-    STATE_FILE,
-    load_tensors,
-    save_regressor,
-    save_tensors,
-)
-from vioapr.regression.data import Samples
+from vioapr.regression.checkpoint import REGRESSOR_FILE, STATE_FILE, save_regressor
 from vioapr.regression.distributed import (
     ending_together,
     mean_of_processes,
@@ -33,61 +25,10 @@ from vioapr.regression.distributed import (
     synchronize_norms,
 )
 from vioapr.regression.journal import Journal
-from vioapr.regression.losses import LossParams, PoseLoss
+from vioapr.regression.learner import Learner, Run
 from vioapr.regression.networks import PoseNetwork
-from vioapr.regression.params import TrainingParams
-from vioapr.regression.spec import RegressorSpec
+from vioapr.regression.state import restore_state, save_state
 from vioapr.regression.validation import validate
-
-
-class Learner(nn.Module):
-    """A network with its loss: what a step runs forwards."""
-
-    def __init__(self, network: PoseNetwork, loss: LossParams) -> None:
-        """Of a network."""
-        super().__init__()
-        self.network, self.loss = network, PoseLoss(loss)
-
-    def forward(self, batch: Batch) -> Tensor:
-        """The mean loss of a batch."""
-        raw = self.network.forward_raw(batch.images, batch.scene)
-        with torch.autocast(batch.images.device.type, enabled=False):
-            raw = raw._replace(**{
-                name: value.float() for name, value in raw._asdict().items() if value is not None
-            })  # fmt: skip
-            position = self.network.to_unit(batch.position_m, batch.scene)
-            return self.loss(self.network, raw, position, batch.quat_xyzw, batch.scene)
-
-
-class Run(NamedTuple):
-    """What a training run is about.
-
-    Attributes:
-        spec: The regressor's.
-        network: With its first weights and its scenes' units.
-        samples: To learn from.
-        validation: To choose the best epoch by, or None: then the last one is.
-        folder: Where checkpoints go.
-        params: The loop's.
-        tick: Called after every step.
-    """
-
-    spec: RegressorSpec
-    network: PoseNetwork
-    samples: Samples
-    validation: Samples | None
-    folder: Path
-    params: TrainingParams
-    tick: Callable[[], object] = lambda: None
-
-
-def set_units(network: PoseNetwork, samples: Samples) -> None:
-    """The units of all scenes, from their training cameras."""
-    for scene in range(len(network.size_m)):
-        position_m = samples.position_m[samples.scene == scene]
-        size_m = float(position_m.std(axis=0).max())
-        centre_m = torch.as_tensor(position_m.mean(axis=0), dtype=torch.float32)
-        network.set_unit(scene, centre_m, max(size_m, 1e-3))
 
 
 def train(run: Run, *, resume: bool = False) -> Journal:
@@ -114,14 +55,18 @@ def train(run: Run, *, resume: bool = False) -> Journal:
     )  # fmt: skip
     journal = Journal.empty()
     if resume:
-        journal = _restore(run, learner, optimizer)
+        journal, states = restore_state(run, learner)
+        groups = optimizer.state_dict()["param_groups"]
+        optimizer.load_state_dict({"state": states, "param_groups": groups})
     fabric = start_fabric(run.params)
     with ending_together(fabric):
         _learn(run, fabric, learner, optimizer, journal)
     return journal
 
 
-def _learn(run: Run, fabric: Fabric, learner: Learner, optimizer: Any, journal: Journal) -> None:
+def _learn(
+    run: Run, fabric: Fabric, learner: Learner, optimizer: Optimizer, journal: Journal
+) -> None:
     """The epochs that are left."""
     synchronize_norms(learner, fabric)
     wrapped, optimizer = fabric.setup(learner, optimizer, _reapply_compile=False)
@@ -175,7 +120,7 @@ def _run_epoch(
     fabric: Fabric,
     step: Callable[[Batch], Tensor],
     learner: Learner,
-    optimizer: Any,
+    optimizer: Optimizer,
     source: BatchSource,
     epoch: int,
 ) -> dict[str, float]:
@@ -249,17 +194,13 @@ def _explained(run: Run) -> Iterator[None]:
 
 
 def _finish_epoch(
-    run: Run, learner: Learner, optimizer: Any, journal: Journal, record: dict[str, float]
+    run: Run, learner: Learner, optimizer: Optimizer, journal: Journal, record: dict[str, float]
 ) -> None:
     """Write the state, and the regressor if it is the best so far."""
     journal.add(record)
     if journal.is_best_last:
         _save_best(run, learner.network, journal)
-    tensors = {f"learner.{name}": value for name, value in learner.state_dict().items()}
-    for number, state in optimizer.state_dict()["state"].items():
-        tensors |= {f"optimizer.{number}.{name}": value for name, value in state.items()}
-    content = {"run": _identity(run), "epochs": journal.epochs}
-    save_tensors(run.folder / STATE_FILE, "state", tensors, content)
+    save_state(run, learner, optimizer, journal)
 
 
 def _save_best(run: Run, network: PoseNetwork, journal: Journal) -> None:
@@ -275,50 +216,3 @@ def _save_best(run: Run, network: PoseNetwork, journal: Journal) -> None:
     }  # fmt: skip
     save_regressor(run.folder / REGRESSOR_FILE, network, run.spec, trained)
     network.sigma_scale.copy_(before)
-
-
-def _identity(run: Run) -> dict[str, Any]:
-    """What must be the same for a run to be resumed."""
-    kept = {"devices", "nodes", "compile", "patience"}
-    params = {name: value for name, value in run.params.to_json().items() if name not in kept}
-    return {
-        "spec": {**run.spec.to_json(), "scenes": list(run.spec.scenes)},
-        "params": params,
-        "samples": run.samples.fingerprint,
-    }
-
-
-def _restore(run: Run, learner: Learner, optimizer: torch.optim.Adam) -> Journal:
-    path = run.folder / STATE_FILE
-    tensors, content = load_tensors(path, "state")
-    own = _identity(run)
-    for part, values in own.items():
-        given = content.get("run", {}).get(part)
-        if given != values:
-            raise ParameterError(f"{path}: {_describe_change(part, given, values)}")
-    learner.load_state_dict(
-        {
-            name.removeprefix("learner."): value
-            for name, value in tensors.items()
-            if name.startswith("learner.")
-        }
-    )
-    states: dict[int, dict[str, Tensor]] = {}
-    for name, value in tensors.items():
-        if name.startswith("optimizer."):
-            _, number, key = name.split(".", 2)
-            states.setdefault(int(number), {})[key] = value
-    groups = optimizer.state_dict()["param_groups"]
-    optimizer.load_state_dict({"state": states, "param_groups": groups})
-    return Journal(list(content["epochs"]))
-
-
-def _describe_change(part: str, given: Any, values: Any) -> str:
-    if part == "samples" or not isinstance(given, dict):
-        return "expected to resume with the same images and poses, they have changed"
-    changed = [name for name in values if given.get(name) != values[name]]
-    return (
-        f"expected to resume with the same {part}, {', '.join(changed)} differ: "
-        f"{', '.join(str(given.get(name)) for name in changed)} then, "
-        f"{', '.join(str(values[name]) for name in changed)} now"
-    )

@@ -12,12 +12,13 @@ from vioapr.recording.scene import Scene
 from vioapr.regression.augmentation import AugmentationParams
 from vioapr.regression.checkpoint import STATE_FILE, LoadedRegressor, load, load_backbone_weights
 from vioapr.regression.data import load_samples, split_frames
+from vioapr.regression.learner import Run, set_units
 from vioapr.regression.losses import LossParams
 from vioapr.regression.networks import build
 from vioapr.regression.params import TrainingParams
 from vioapr.regression.prediction import predict_recording, write_prediction, write_walk
 from vioapr.regression.spec import RegressorSpec
-from vioapr.regression.training import Run, set_units, train
+from vioapr.regression.training import train
 from vioapr.reproduction.plan import Training
 from vioapr.reproduction.progress import (
     PREDICTED_FILE,
