@@ -72,11 +72,12 @@ def test_one_step(scene, tmp_path, model):
 
 @pytest.mark.slow
 def test_several_epochs_and_what_is_kept(scene, tmp_path):
+    """The last one is of positions alone."""
     (_, one), (_, two) = (
-        run_script(scene, tmp_path / str(devices), "mobile", devices, epochs=2, batch=16)
+        run_script(scene, tmp_path / str(devices), "mobile", devices, epochs="2+1", batch=16)
         for devices in (1, 2)
     )
-    assert len(one["epochs"]) == len(two["epochs"]) == 2
+    assert len(one["epochs"]) == len(two["epochs"]) == 3
     for mine, theirs in zip(one["epochs"], two["epochs"], strict=True):
         assert mine["loss"] == pytest.approx(theirs["loss"], rel=0.02)
         assert mine["validation_score"] == pytest.approx(theirs["validation_score"], rel=0.02)

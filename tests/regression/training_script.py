@@ -1,5 +1,7 @@
 """Trains on the toy scene: `python training_script.py SCENE OUT MODEL DEVICES EPOCHS BATCH`.
 
+EPOCHS are as `2`, or as `2+1` where the last one is of positions alone.
+
 A program of its own, as Lightning Fabric starts a run's other processes by starting the program
 again.
 """
@@ -17,6 +19,7 @@ from vioapr.regression.data import load_samples, split_frames
 from vioapr.regression.learner import Run, set_units
 from vioapr.regression.networks import build
 from vioapr.regression.networks.blocks import StochasticDepth
+from vioapr.regression.params import PositionStageParams
 from vioapr.regression.training import train
 
 
@@ -33,7 +36,11 @@ def main(folder: str, out: str, model: str, devices: str, epochs: str, batch: st
         if isinstance(module, StochasticDepth):
             module.probability = 0.0
     set_units(network, learned)
-    run_params = params(epochs=int(epochs), devices=int(devices), batch_size=int(batch))
+    first, _, second = epochs.partition("+")
+    run_params = params(
+        epochs=int(first), devices=int(devices), batch_size=int(batch),
+        position_stage=PositionStageParams(int(second or 0)),
+    )  # fmt: skip
     train(Run(run_spec, network, learned, checked, Path(out), run_params))
 
 

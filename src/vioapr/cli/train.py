@@ -47,6 +47,10 @@ def train(
     nodes: int = 1,
     compile: Flag = False,
     resume: Flag = False,
+    eps: float = 1e-8,
+    position_epochs: int = 0,
+    position_jitter: float = 0.5,
+    position_hue: float = 0.2,
 ) -> None:
     """Train a pose regressor on the training recordings of scenes.
 
@@ -89,12 +93,18 @@ def train(
         nodes: Machines.
         compile: Compile the network first (torch.compile).
         resume: Go on with the run in --out, as if it had not been stopped.
+        eps: Of Adam, added to the root of the gradients' mean square; MS-Transformer's code has
+            1e-10.
+        position_epochs: After all others, epochs in which only the position is learned, as
+            MS-Transformer's code does outdoors.
+        position_jitter: As jitter, in these epochs.
+        position_hue: As hue, in these epochs.
     """
     require_torch("vioapr train")
     from vioapr.regression.augmentation import AugmentationParams
     from vioapr.regression.losses import LossParams
     from vioapr.regression.networks import check_model
-    from vioapr.regression.params import TrainingParams
+    from vioapr.regression.params import PositionStageParams, TrainingParams
     from vioapr.regression.spec import RegressorSpec
     from vioapr.regression.training import train as run_training
 
@@ -109,12 +119,13 @@ def train(
     params = TrainingParams(
         epochs, batch_size, lr, weight_decay, schedule, seed, precision, compile, patience,
         devices, nodes, AugmentationParams(jitter, hue, turn_deg),
-        LossParams(loss, position_weight, rotation_weight),
+        LossParams(loss, position_weight, rotation_weight), eps,
+        PositionStageParams(position_epochs, position_jitter, position_hue),
     )  # fmt: skip
     folder = out or scenes[0] / "models" / model.replace(":", "-")
     held_out = [id_ for id_ in validation.split(",") if id_]
     run = prepare(opened, spec, params, folder, held_out, weights)
-    total = epochs * max(len(run.samples) // min(batch_size, len(run.samples)), 1)
+    total = params.stages[-1].last * max(len(run.samples) // min(batch_size, len(run.samples)), 1)
     with progress("training", total) as tick:
         journal = run_training(run._replace(tick=tick), resume=resume)
     best = journal.epochs[journal.best]

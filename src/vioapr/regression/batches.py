@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -81,6 +82,12 @@ class BatchSource:
             )
         ]
         self._resident = self._copy_if_small()
+
+    def varied_by(self, params: AugmentationParams) -> BatchSource:
+        """The same images in the same order, varied otherwise."""
+        other = copy.copy(self)
+        other._params = params
+        return other
 
     def __len__(self) -> int:
         """Batches in an epoch."""

@@ -24,6 +24,18 @@ class Learner(nn.Module):
         """Of a network."""
         super().__init__()
         self.network, self.loss = network, PoseLoss(loss)
+        self._is_of_positions = False
+
+    def learn_positions_alone(self) -> None:
+        """From now on nothing else changes, and nothing is dropped out."""
+        self._is_of_positions = self.loss.is_of_positions = True
+        self.requires_grad_(False)
+        for module in self.network.position_modules():
+            module.requires_grad_(True)
+
+    def train(self, mode: bool = True) -> Learner:
+        """As `nn.Module.train`, of what learns."""
+        return super().train(mode and not self._is_of_positions)
 
     def forward(self, batch: Batch) -> Tensor:
         """The mean loss of a batch."""

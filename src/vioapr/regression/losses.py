@@ -41,12 +41,16 @@ class LossParams:
 
 
 class PoseLoss(nn.Module):
-    """The loss of a batch, with the weights that it learns."""
+    """The loss of a batch, with the weights that it learns.
+
+    Attributes:
+        is_of_positions: Whether the error of positions is all that counts.
+    """
 
     def __init__(self, params: LossParams) -> None:
         """With the weights at their start."""
         super().__init__()
-        self.params = params
+        self.params, self.is_of_positions = params, False
         start = torch.tensor([params.position_weight, params.rotation_weight])
         self.weights = nn.Parameter(start, requires_grad=params.loss != "geometric")
 
@@ -63,6 +67,8 @@ class PoseLoss(nn.Module):
             scene: (B,), true.
         """
         off = raw.position - position
+        if self.is_of_positions:
+            return self._size(off) + _uncertainty(network, raw, off, quat_xyzw)
         if self.params.loss == "geometric":
             pose = self._geometric(network, raw, off, quat_xyzw)
         else:
@@ -73,12 +79,14 @@ class PoseLoss(nn.Module):
         return loss
 
     def _weighted(self, off: Tensor, turned: Tensor) -> Tensor:
-        if self.params.loss == "learnable":
-            sizes = torch.stack([off.abs().mean(), turned.abs().mean()])
-        else:
-            norms = (torch.linalg.vector_norm(one, dim=-1).mean() for one in (off, turned))
-            sizes = torch.stack(list(norms))
+        sizes = torch.stack([self._size(off), self._size(turned)])
         return (sizes * torch.exp(-self.weights) + self.weights).sum()
+
+    def _size(self, differences: Tensor) -> Tensor:
+        """Mean over B differences (B, k)."""
+        if self.params.loss == "learnable-l2":
+            return torch.linalg.vector_norm(differences, dim=-1).mean()
+        return differences.abs().mean()
 
     def _geometric(self, network: PoseNetwork, raw: Raw, off: Tensor, quat_xyzw: Tensor) -> Tensor:
         """Mean L1 displacement of points straight ahead and to all sides of the view."""

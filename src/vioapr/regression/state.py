@@ -13,6 +13,9 @@ from vioapr.regression.journal import Journal
 from vioapr.regression.learner import Learner, Run
 from vioapr.regression.params import TrainingParams
 
+OptimizerStates = dict[int, dict[str, Tensor]]
+"""Of parameters by their numbers."""
+
 _NOT_OF_THE_RESULT = {"devices", "nodes", "compile", "patience"}
 """Parameters that may be others when a run is resumed."""
 
@@ -30,11 +33,11 @@ def save_state(run: Run, learner: Learner, optimizer: Optimizer, journal: Journa
     save_tensors(run.folder / STATE_FILE, "state", tensors, content)
 
 
-def restore_state(run: Run, learner: Learner) -> tuple[Journal, dict[int, dict[str, Tensor]]]:
+def restore_state(run: Run, learner: Learner) -> tuple[Journal, OptimizerStates]:
     """Set a learner to the state in the run's folder.
 
     Returns:
-        What happened so far, and the optimizer's state of its parameters by their numbers.
+        What happened so far, and the state of the optimizer.
 
     Raises:
         FormatError: There is no state, or it is broken.
@@ -53,7 +56,7 @@ def restore_state(run: Run, learner: Learner) -> tuple[Journal, dict[int, dict[s
     learner.load_state_dict(
         {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
     )
-    states: dict[int, dict[str, Tensor]] = {}
+    states: OptimizerStates = {}
     for name, value in tensors.items():
         if name.startswith("optimizer."):
             _, number, key = name.split(".", 2)

@@ -27,7 +27,8 @@ from vioapr.regression.distributed import (
 from vioapr.regression.journal import Journal
 from vioapr.regression.learner import Learner, Run
 from vioapr.regression.networks import PoseNetwork
-from vioapr.regression.state import restore_state, save_state
+from vioapr.regression.params import Stage
+from vioapr.regression.state import OptimizerStates, restore_state, save_state
 from vioapr.regression.validation import validate
 
 
@@ -49,43 +50,69 @@ def train(run: Run, *, resume: bool = False) -> Journal:
     _check(run, resume)
     learner = Learner(run.network, run.params.loss)
     learner.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-    optimizer = torch.optim.Adam(
-        [p for p in learner.parameters() if p.requires_grad],
-        lr=run.params.lr, weight_decay=run.params.weight_decay,
-    )  # fmt: skip
-    journal = Journal.empty()
+    journal, optimizer_states = Journal.empty(), {}
     if resume:
-        journal, states = restore_state(run, learner)
-        groups = optimizer.state_dict()["param_groups"]
-        optimizer.load_state_dict({"state": states, "param_groups": groups})
+        journal, optimizer_states = restore_state(run, learner)
     fabric = start_fabric(run.params)
     with ending_together(fabric):
-        _learn(run, fabric, learner, optimizer, journal)
+        _learn(run, fabric, learner, journal, optimizer_states)
     return journal
 
 
 def _learn(
-    run: Run, fabric: Fabric, learner: Learner, optimizer: Optimizer, journal: Journal
+    run: Run, fabric: Fabric, learner: Learner, journal: Journal, optimizer_states: OptimizerStates
 ) -> None:
     """The epochs that are left."""
     synchronize_norms(learner, fabric)
-    wrapped, optimizer = fabric.setup(learner, optimizer, _reapply_compile=False)
-    step = torch.compile(wrapped) if run.params.compile else wrapped
     part = (fabric.global_rank, fabric.world_size)
     source = BatchSource(
         run.samples, run.spec.crop, run.params.augmentation, run.params.batch_size,
         run.params.seed, fabric.device, part,
     )  # fmt: skip
-    _skip_ticks(run, len(source) * len(journal.epochs))
+    for _ in range(len(source) * len(journal.epochs)):
+        run.tick()
     with journal.tensorboard(run.folder, fabric.is_global_zero):
-        for epoch in range(len(journal.epochs), run.params.epochs):
-            record = _run_epoch(run, fabric, step, learner, optimizer, source, epoch)
-            if fabric.is_global_zero:
-                _finish_epoch(run, learner, optimizer, journal, record)
-            else:
-                journal.add(record)
-            if fabric.broadcast(journal.is_stale(run.params.patience)):
-                break
+        for stage in run.params.stages:
+            if len(journal.epochs) >= stage.last:
+                continue
+            if stage.is_of_positions:
+                learner.learn_positions_alone()
+            is_begun = stage.first < len(journal.epochs)
+            optimizer = _make_optimizer(run, learner, optimizer_states if is_begun else {})
+            _run_stage(run, fabric, learner, optimizer, source, stage, journal)
+
+
+def _make_optimizer(run: Run, learner: Learner, states: OptimizerStates) -> Optimizer:
+    optimizer = torch.optim.Adam(
+        [p for p in learner.parameters() if p.requires_grad],
+        lr=run.params.lr, eps=run.params.eps, weight_decay=run.params.weight_decay,
+    )  # fmt: skip
+    groups = optimizer.state_dict()["param_groups"]
+    optimizer.load_state_dict({"state": states, "param_groups": groups})
+    return optimizer
+
+
+def _run_stage(
+    run: Run,
+    fabric: Fabric,
+    learner: Learner,
+    optimizer: Optimizer,
+    source: BatchSource,
+    stage: Stage,
+    journal: Journal,
+) -> None:
+    """Its epochs that are left."""
+    wrapped, optimizer = fabric.setup(learner, optimizer, _reapply_compile=False)
+    step = torch.compile(wrapped) if run.params.compile else wrapped
+    source = source.varied_by(stage.augmentation)
+    for epoch in range(len(journal.epochs), stage.last):
+        record = _run_epoch(run, fabric, step, learner, optimizer, source, stage, epoch)
+        if fabric.is_global_zero:
+            _finish_epoch(run, learner, optimizer, journal, record)
+        else:
+            journal.add(record)
+        if fabric.broadcast(journal.is_stale(run.params.patience)):
+            break
 
 
 def _check(run: Run, resume: bool) -> None:
@@ -110,11 +137,6 @@ def _check(run: Run, resume: bool) -> None:
         )
 
 
-def _skip_ticks(run: Run, steps: int) -> None:
-    for _ in range(steps):
-        run.tick()
-
-
 def _run_epoch(
     run: Run,
     fabric: Fabric,
@@ -122,6 +144,7 @@ def _run_epoch(
     learner: Learner,
     optimizer: Optimizer,
     source: BatchSource,
+    stage: Stage,
     epoch: int,
 ) -> dict[str, float]:
     """One pass over the samples; returns what happened."""
@@ -132,7 +155,8 @@ def _run_epoch(
     total = torch.zeros((), device=fabric.device)
     lr = 0.0
     for number, batch in enumerate(source.epoch(epoch)):
-        lr = run.params.lr_at(epoch * len(source) + number, run.params.epochs * len(source))
+        done = (epoch - stage.first) * len(source) + number
+        lr = run.params.lr_at(done, stage.epochs * len(source))
         for group in optimizer.param_groups:
             group["lr"] = lr
         with _explained(run):

@@ -49,7 +49,7 @@ def finished_epochs(training: Training) -> int:
 def is_trained(training: Training) -> bool:
     """Whether nothing is left to learn."""
     has_regressor = (training.folder / REGRESSOR_FILE).exists()
-    return has_regressor and finished_epochs(training) >= training.recipe.epochs
+    return has_regressor and finished_epochs(training) >= training.recipe.all_epochs
 
 
 def predicted_note(training: Training, scene: str) -> dict[str, Any] | None:
@@ -76,7 +76,7 @@ def work_of(training: Training, scenes: Mapping[str, Scene]) -> Work:
     if not done:
         images = sum(count_images(scene, "train") for scene in members)
         batch = min(training.recipe.batch_size, max(images, 1))
-        left = max(training.recipe.epochs - finished_epochs(training), 0)
+        left = max(training.recipe.all_epochs - finished_epochs(training), 0)
         learned = images + left * batch * steps_of_epoch(max(images, 1), batch)
     open_ = tuple(
         name for name in training.scenes if not done or predicted_note(training, name) is None

@@ -15,7 +15,7 @@ from vioapr.regression.data import load_samples, split_frames
 from vioapr.regression.learner import Run, set_units
 from vioapr.regression.losses import LossParams
 from vioapr.regression.networks import build
-from vioapr.regression.params import TrainingParams
+from vioapr.regression.params import PositionStageParams, TrainingParams
 from vioapr.regression.prediction import predict_recording, write_prediction, write_walk
 from vioapr.regression.spec import RegressorSpec
 from vioapr.regression.training import train
@@ -106,6 +106,10 @@ def _params(recipe: Recipe) -> TrainingParams:
         seed=recipe.seed,
         augmentation=AugmentationParams(jitter=recipe.jitter, hue=recipe.hue),
         loss=LossParams(recipe.loss, recipe.position_weight, recipe.rotation_weight),
+        eps=recipe.eps,
+        position_stage=PositionStageParams(
+            recipe.position_epochs, recipe.position_jitter, recipe.position_hue
+        ),
     )
 
 
