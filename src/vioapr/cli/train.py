@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -11,9 +11,6 @@ from vioapr.cli.console import console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
 from vioapr.recording.scene import Scene
-
-if TYPE_CHECKING:
-    from vioapr.regression.learner import Run
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
@@ -105,6 +102,7 @@ def train(
     from vioapr.regression.losses import LossParams
     from vioapr.regression.networks import check_model
     from vioapr.regression.params import PositionStageParams, TrainingParams
+    from vioapr.regression.preparing import choose_frames, prepare_run
     from vioapr.regression.spec import RegressorSpec
     from vioapr.regression.training import train as run_training
 
@@ -124,7 +122,9 @@ def train(
     )  # fmt: skip
     folder = out or scenes[0] / "models" / model.replace(":", "-")
     held_out = [id_ for id_ in validation.split(",") if id_]
-    run = prepare(opened, spec, params, folder, held_out, weights)
+    frames = choose_frames(opened, held_out)
+    with progress("reading images", frames.images) as tick:
+        run = prepare_run(opened, frames, spec, params, folder, weights, tick)
     total = params.stages[-1].last * max(len(run.samples) // min(batch_size, len(run.samples)), 1)
     with progress("training", total) as tick:
         journal = run_training(run._replace(tick=tick), resume=resume)
@@ -137,32 +137,3 @@ def train(
         )
     console.print(text)
     console.print(f"regressor: {folder}", soft_wrap=True)
-
-
-def prepare(
-    scenes: list[Scene], spec, params, folder: Path, held_out: list[str], weights: Path | None
-) -> Run:
-    """Load what a run needs: network, images, poses."""
-    import torch
-
-    from vioapr.regression.checkpoint import load_backbone_weights
-    from vioapr.regression.data import load_samples, split_frames
-    from vioapr.regression.learner import Run, set_units
-    from vioapr.regression.networks import build
-
-    if len(set(spec.scenes)) < len(spec.scenes):
-        raise ParameterError(f"expected scenes of different names, got {', '.join(spec.scenes)}")
-    frames = split_frames(scenes, "train")
-    validating = split_frames(scenes, "train", held_out) if held_out else []
-    learning = [one for one in frames if one.recording not in held_out]
-    if not learning:
-        raise ParameterError("validation: expected to leave recordings to learn from, none is left")
-    with progress("reading images", sum(map(len, [*learning, *validating]))) as tick:
-        samples = load_samples(scenes, learning, spec.resize, tick)
-        checked = load_samples(scenes, validating, spec.resize, tick) if validating else None
-    torch.manual_seed(params.seed)
-    network = build(spec)
-    if weights is not None:
-        load_backbone_weights(network, weights)
-    set_units(network, samples)
-    return Run(spec, network, samples, checked, folder, params)

@@ -10,13 +10,11 @@ import torch
 from vioapr.formats.base import write_text
 from vioapr.recording.scene import Scene
 from vioapr.regression.augmentation import AugmentationParams
-from vioapr.regression.checkpoint import STATE_FILE, LoadedRegressor, load, load_backbone_weights
-from vioapr.regression.data import load_samples, split_frames
-from vioapr.regression.learner import Run, set_units
+from vioapr.regression.checkpoint import STATE_FILE, LoadedRegressor, load
 from vioapr.regression.losses import LossParams
-from vioapr.regression.networks import build
 from vioapr.regression.params import PositionStageParams, TrainingParams
 from vioapr.regression.prediction import predict_recording, write_prediction, write_walk
+from vioapr.regression.preparing import choose_frames, prepare_run
 from vioapr.regression.spec import RegressorSpec
 from vioapr.regression.training import train
 from vioapr.reproduction.plan import Training
@@ -58,19 +56,14 @@ def run_training(training: Training, scenes: Mapping[str, Scene], tick: Tick) ->
 
 def _learn(training: Training, scenes: list[Scene], tick: Tick) -> None:
     recipe = training.recipe
-    frames = split_frames(scenes, "train")
-    samples = load_samples(scenes, frames, recipe.resize, lambda: tick(1))
-    torch.manual_seed(recipe.seed)
-    spec, params = _spec(training), _params(recipe)
-    network = build(spec)
-    if training.weights is not None:
-        load_backbone_weights(network, training.weights)
-    set_units(network, samples)
-    batch = min(recipe.batch_size, len(samples))
+    run = prepare_run(
+        scenes, choose_frames(scenes), _spec(training), _params(recipe), training.folder,
+        training.weights, lambda: tick(1),
+    )  # fmt: skip
+    batch = min(recipe.batch_size, len(run.samples))
     # The steps of a resumed training's finished epochs tick too, and are no work that is left.
-    skipped = finished_epochs(training) * steps_of_epoch(len(samples), batch)
-    step_tick = _after(skipped, lambda: tick(batch))
-    run = Run(spec, network, samples, None, training.folder, params, step_tick)
+    skipped = finished_epochs(training) * steps_of_epoch(len(run.samples), batch)
+    run = run._replace(tick=_after(skipped, lambda: tick(batch)))
     train(run, resume=(training.folder / STATE_FILE).exists())
 
 
