@@ -176,7 +176,7 @@ def _run_epoch(
         "images_per_s": images / (time.perf_counter() - began),
     }
     if run.validation is not None and fabric.is_global_zero:
-        found = validate(learner.network, run.validation, run.spec.crop, fabric.device)
+        found = validate(learner.network, run.validation, run.spec.crop)
         record |= {f"validation_{name}": value for name, value in found.items()}
     return record
 

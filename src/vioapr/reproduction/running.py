@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 
-import torch
-
 from vioapr.formats.base import write_text
 from vioapr.recording.scene import Scene
 from vioapr.regression.augmentation import AugmentationParams
-from vioapr.regression.checkpoint import STATE_FILE, LoadedRegressor, load
+from vioapr.regression.checkpoint import STATE_FILE, LoadedRegressor
 from vioapr.regression.losses import LossParams
 from vioapr.regression.params import PositionStageParams, TrainingParams
-from vioapr.regression.prediction import predict_recording, write_prediction, write_walk
+from vioapr.regression.prediction import load_predictor, predict_walks
 from vioapr.regression.preparing import choose_frames, prepare_run
 from vioapr.regression.spec import RegressorSpec
 from vioapr.regression.training import train
@@ -47,11 +45,9 @@ def run_training(training: Training, scenes: Mapping[str, Scene], tick: Tick) ->
     open_scenes = work_of(training, scenes).scenes
     if not open_scenes:
         return
-    regressor = load(training.folder)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    regressor.network.to(device)
+    regressor = load_predictor(training.folder)
     for name in open_scenes:
-        _predict(training, regressor, name, scenes[name], device, tick)
+        _predict(training, regressor, name, scenes[name], tick)
 
 
 def _learn(training: Training, scenes: list[Scene], tick: Tick) -> None:
@@ -107,24 +103,16 @@ def _params(recipe: Recipe) -> TrainingParams:
 
 
 def _predict(
-    training: Training,
-    regressor: LoadedRegressor,
-    name: str,
-    scene: Scene,
-    device: torch.device,
-    tick: Tick,
+    training: Training, regressor: LoadedRegressor, name: str, scene: Scene, tick: Tick
 ) -> None:
     """Predict a scene's test recordings; the note that they are whole comes last."""
     folder = training.walks_folder(name)
     own = training.scenes.index(name)
     images = right = 0
-    for id_ in scene.splits["test"]:
-        poses, predicted = predict_recording(
-            regressor, scene, id_, device=device, tick=lambda: tick(1)
-        )
-        write_prediction(folder / id_, training.model, poses, predicted)
-        write_walk(folder / id_, scene, id_)
-        images += len(predicted.scene)
-        right += int((predicted.scene == own).sum())
+    for walk in predict_walks(
+        regressor, scene, scene.splits["test"], folder, training.model, tick=lambda: tick(1)
+    ):
+        images += len(walk.scene)
+        right += int((walk.scene == own).sum())
     note = {"regressor": regressor_digest(training), "images": images, "right_scene": right}
     write_text(folder / PREDICTED_FILE, json.dumps(note) + "\n")
