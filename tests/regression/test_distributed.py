@@ -13,8 +13,9 @@ from torch import nn
 
 from vioapr.cli import main
 from vioapr.errors import ParameterError
-from vioapr.regression.checkpoint import STATE_FILE, load, load_tensors
+from vioapr.regression.checkpoint import load, load_tensors
 from vioapr.regression.distributed import synchronize_norms
+from vioapr.regression.files import STATE_FILE
 from vioapr.regression.journal import Journal
 
 ROOT = Path(__file__).parents[2]

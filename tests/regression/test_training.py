@@ -12,8 +12,9 @@ from vioapr.geometry import quaternion
 from vioapr.regression import training
 from vioapr.regression.augmentation import AugmentationParams, middle_crop
 from vioapr.regression.batches import Batch, BatchSource, epoch_order
-from vioapr.regression.checkpoint import STATE_FILE, load, load_tensors, save_tensors
+from vioapr.regression.checkpoint import load, load_tensors, save_tensors
 from vioapr.regression.data import load_samples, split_frames
+from vioapr.regression.files import STATE_FILE
 from vioapr.regression.learner import Learner, Run, set_units
 from vioapr.regression.losses import LossParams
 from vioapr.regression.networks import build

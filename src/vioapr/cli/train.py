@@ -101,7 +101,7 @@ def train(
     from vioapr.regression.augmentation import AugmentationParams
     from vioapr.regression.losses import LossParams
     from vioapr.regression.networks import check_model
-    from vioapr.regression.params import PositionStageParams, TrainingParams
+    from vioapr.regression.params import PositionStageParams, TrainingParams, batches_of_epoch
     from vioapr.regression.preparing import choose_frames, prepare_run
     from vioapr.regression.spec import RegressorSpec
     from vioapr.regression.training import train as run_training
@@ -125,7 +125,7 @@ def train(
     frames = choose_frames(opened, held_out)
     with progress("reading images", frames.images) as tick:
         run = prepare_run(opened, frames, spec, params, folder, weights, tick)
-    total = params.stages[-1].last * max(len(run.samples) // min(batch_size, len(run.samples)), 1)
+    total = params.stages[-1].last * batches_of_epoch(len(run.samples), batch_size).count
     with progress("training", total) as tick:
         journal = run_training(run._replace(tick=tick), resume=resume)
     best = journal.epochs[journal.best]

@@ -43,6 +43,24 @@ class PositionStageParams:
                 raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(self, name)}")
 
 
+class Batches(NamedTuple):
+    """Of one epoch.
+
+    Attributes:
+        size: Images in each.
+        count: How many there are.
+    """
+
+    size: int
+    count: int
+
+
+def batches_of_epoch(images: int, batch_size: int) -> Batches:
+    """Of so many images; what does not fill a batch waits for another epoch."""
+    size = max(min(batch_size, images), 1)
+    return Batches(size, images // size)
+
+
 class Stage(NamedTuple):
     """Epochs that are alike; in each stage the learning rate begins anew.
 

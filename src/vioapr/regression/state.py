@@ -8,7 +8,8 @@ from torch import Tensor
 from torch.optim import Optimizer
 
 from vioapr.errors import ParameterError
-from vioapr.regression.checkpoint import STATE_FILE, load_tensors, save_tensors
+from vioapr.regression.checkpoint import load_tensors, save_tensors
+from vioapr.regression.files import STATE_FILE
 from vioapr.regression.journal import Journal
 from vioapr.regression.learner import Learner, Run
 from vioapr.regression.params import TrainingParams

@@ -17,13 +17,14 @@ from torch.optim import Optimizer
 
 from vioapr.errors import FormatError, ParameterError, TrainingError
 from vioapr.regression.batches import Batch, BatchSource
-from vioapr.regression.checkpoint import REGRESSOR_FILE, STATE_FILE, save_regressor
+from vioapr.regression.checkpoint import save_regressor
 from vioapr.regression.distributed import (
     ending_together,
     mean_of_processes,
     start_fabric,
     synchronize_norms,
 )
+from vioapr.regression.files import REGRESSOR_FILE, STATE_FILE
 from vioapr.regression.journal import Journal
 from vioapr.regression.learner import Learner, Run
 from vioapr.regression.networks import PoseNetwork
@@ -165,7 +166,7 @@ def _run_epoch(
             optimizer.step()
             optimizer.zero_grad()
         total += mean_of_processes(fabric, loss)
-        images += run.params.batch_size
+        images += len(batch.images) * fabric.world_size
         if fabric.device.type == "cpu":  # elsewhere looking at every step would wait for it
             _check_loss(run, fabric, total, epoch, number)
         run.tick()

@@ -8,9 +8,10 @@ from collections.abc import Callable, Mapping
 from vioapr.formats.base import write_text
 from vioapr.recording.scene import Scene
 from vioapr.regression.augmentation import AugmentationParams
-from vioapr.regression.checkpoint import STATE_FILE, LoadedRegressor
+from vioapr.regression.checkpoint import LoadedRegressor
+from vioapr.regression.files import STATE_FILE
 from vioapr.regression.losses import LossParams
-from vioapr.regression.params import PositionStageParams, TrainingParams
+from vioapr.regression.params import PositionStageParams, TrainingParams, batches_of_epoch
 from vioapr.regression.prediction import load_predictor, predict_walks
 from vioapr.regression.preparing import choose_frames, prepare_run
 from vioapr.regression.spec import RegressorSpec
@@ -21,7 +22,6 @@ from vioapr.reproduction.progress import (
     finished_epochs,
     is_trained,
     regressor_digest,
-    steps_of_epoch,
     work_of,
 )
 from vioapr.reproduction.recipes import Recipe
@@ -56,9 +56,9 @@ def _learn(training: Training, scenes: list[Scene], tick: Tick) -> None:
         scenes, choose_frames(scenes), _spec(training), _params(recipe), training.folder,
         training.weights, lambda: tick(1),
     )  # fmt: skip
-    batch = min(recipe.batch_size, len(run.samples))
+    batch, steps = batches_of_epoch(len(run.samples), recipe.batch_size)
     # The steps of a resumed training's finished epochs tick too, and are no work that is left.
-    skipped = finished_epochs(training) * steps_of_epoch(len(run.samples), batch)
+    skipped = finished_epochs(training) * steps
     run = run._replace(tick=_after(skipped, lambda: tick(batch)))
     train(run, resume=(training.folder / STATE_FILE).exists())
 
