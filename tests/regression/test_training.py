@@ -1,6 +1,7 @@
 """The training loop: it learns, resumes bit-equal, and says what went wrong."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,15 +11,14 @@ from tests.regression.toy import make_scene, params, spec
 from vioapr.errors import FormatError, ParameterError, TrainingError
 from vioapr.geometry import quaternion
 from vioapr.regression import training
-from vioapr.regression.augmentation import AugmentationParams, middle_crop
+from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.batches import Batch, BatchSource, epoch_order
 from vioapr.regression.checkpoint import load, load_tensors, save_tensors
 from vioapr.regression.data import load_samples, split_frames
 from vioapr.regression.files import STATE_FILE
 from vioapr.regression.learner import Learner, Run, set_units
-from vioapr.regression.losses import LossParams
 from vioapr.regression.networks import build
-from vioapr.regression.params import PositionStageParams
+from vioapr.regression.params import AugmentationParams, LossParams, PositionStageParams
 from vioapr.regression.training import train
 
 
@@ -256,6 +256,14 @@ def test_turns_need_intrinsics(make_run, samples):
 def test_more_devices_than_images(make_run):
     with pytest.raises(ParameterError, match="devices: expected at most 32, the training images"):
         train(make_run(devices=64, batch_size=64))
+
+
+def test_images_a_second_are_those_that_there_were(make_run, monkeypatch):
+    """Fewer than a batch."""
+    clock = iter([10.0, 14.0])
+    monkeypatch.setattr(training, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    (record,) = train(make_run(epochs=1, batch_size=64)).epochs
+    assert record["images_per_s"] == 32 / 4
 
 
 def test_tensorboard_logs_are_written(make_run):

@@ -13,9 +13,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vioapr.regression.augmentation import AugmentationParams, Draw, augment, draw
+from vioapr.regression.augmentation import Draw, augment, draw
 from vioapr.regression.data import Samples
-from vioapr.regression.params import batches_of_epoch
+from vioapr.regression.params import AugmentationParams, batches_of_epoch
 
 _AHEAD = 2
 """Batches that are read while the device works."""

@@ -11,9 +11,9 @@ from torch import Tensor, nn
 
 from vioapr.regression.batches import Batch
 from vioapr.regression.data import Samples
-from vioapr.regression.losses import LossParams, PoseLoss
+from vioapr.regression.losses import PoseLoss
 from vioapr.regression.networks import PoseNetwork
-from vioapr.regression.params import TrainingParams
+from vioapr.regression.params import LossParams, TrainingParams
 from vioapr.regression.spec import RegressorSpec
 
 

@@ -2,42 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from vioapr.errors import ParameterError
 from vioapr.geometry import quaternion
 from vioapr.regression.networks.base import PoseNetwork, Raw
-
-LossName = Literal["learnable", "learnable-l2", "geometric"]
-
-
-@dataclass(frozen=True)
-class LossParams:
-    """Which loss, and where its weights start."""
-
-    loss: LossName = "learnable"
-    """learnable: L_x exp(-s_x) + s_x + L_q exp(-s_q) + s_q with learned s, L1 norms (Kendall and
-    Cipolla, CVPR 2017; geomapnet). learnable-l2: the same with L2 norms (MS-Transformer).
-    geometric: how far a turned and moved camera displaces points before it; no weights."""
-    position_weight: float = 0.0
-    """s_x at the start."""
-    rotation_weight: float = -3.0
-    """s_q at the start."""
-    depth: float = 1.0
-    """Of the points of the geometric loss, in standard deviations of the cameras' positions."""
-
-    def __post_init__(self) -> None:
-        if self.loss not in ("learnable", "learnable-l2", "geometric"):
-            raise ParameterError(
-                f"loss: expected learnable, learnable-l2 or geometric, got {self.loss!r}"
-            )
-        if not 0 < self.depth < 1000:
-            raise ParameterError(f"depth: expected above 0 and below 1000, got {self.depth}")
+from vioapr.regression.params import LossParams
 
 
 class PoseLoss(nn.Module):

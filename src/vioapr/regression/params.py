@@ -1,4 +1,7 @@
-"""How a regressor is trained; the defaults are the paper's (section Implementation)."""
+"""How a regressor is trained; the defaults are the paper's (section Implementation).
+
+Without PyTorch, so that the command line can offer them without it.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,57 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 from vioapr.errors import ParameterError
-from vioapr.regression.augmentation import AugmentationParams
-from vioapr.regression.losses import LossParams
 
 Precision = Literal["auto", "fp32", "bf16"]
 Schedule = Literal["constant", "cosine", "step"]
+LossName = Literal["learnable", "learnable-l2", "geometric"]
 
 _WARM_UP = 0.05
 """Share of the steps in which a cosine schedule rises."""
+
+
+@dataclass(frozen=True)
+class AugmentationParams:
+    """How training images are varied."""
+
+    jitter: float = 0.5
+    """Brightness, contrast and saturation vary by up to this factor either way; 0: none."""
+    hue: float = 0.1
+    """Hue varies by up to this part of the colour circle either way."""
+    turn_deg: float = 0.0
+    """The camera is turned by up to this angle about each axis, and its pose with it: exact,
+    as a turn moves pixels whatever their depth. Needs known intrinsics, and replaces random
+    crops, which move the picture under a pose that stays."""
+
+    def __post_init__(self) -> None:
+        for name, most in (("jitter", 1.0), ("hue", 0.5), ("turn_deg", 60.0)):
+            if not 0 <= getattr(self, name) <= most:
+                raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class LossParams:
+    """Which loss, and where its weights start."""
+
+    loss: LossName = "learnable"
+    """learnable: L_x exp(-s_x) + s_x + L_q exp(-s_q) + s_q with learned s, L1 norms (Kendall and
+    Cipolla, CVPR 2017; geomapnet). learnable-l2: the same with L2 norms (MS-Transformer).
+    geometric: how far a turned and moved camera displaces points before it; no weights."""
+    position_weight: float = 0.0
+    """s_x at the start."""
+    rotation_weight: float = -3.0
+    """s_q at the start."""
+    depth: float = 1.0
+    """Distance of the points that the geometric loss displaces, in standard deviations of the
+    cameras' positions."""
+
+    def __post_init__(self) -> None:
+        if self.loss not in ("learnable", "learnable-l2", "geometric"):
+            raise ParameterError(
+                f"loss: expected learnable, learnable-l2 or geometric, got {self.loss!r}"
+            )
+        if not 0 < self.depth < 1000:
+            raise ParameterError(f"depth: expected above 0 and below 1000, got {self.depth}")
 
 
 @dataclass(frozen=True)
@@ -112,7 +158,7 @@ class TrainingParams:
     augmentation: AugmentationParams = field(default_factory=AugmentationParams)
     loss: LossParams = field(default_factory=LossParams)
     eps: float = 1e-8
-    """Of Adam, added to the root of the gradients' mean square."""
+    """Of Adam, added to the root of the gradients' mean square; MS-Transformer's code has 1e-10."""
     position_stage: PositionStageParams = field(default_factory=PositionStageParams)
 
     def __post_init__(self) -> None:

@@ -7,11 +7,15 @@ from collections.abc import Callable, Mapping
 
 from vioapr.formats.base import write_text
 from vioapr.recording.scene import Scene
-from vioapr.regression.augmentation import AugmentationParams
 from vioapr.regression.checkpoint import LoadedRegressor
 from vioapr.regression.files import STATE_FILE
-from vioapr.regression.losses import LossParams
-from vioapr.regression.params import PositionStageParams, TrainingParams, batches_of_epoch
+from vioapr.regression.params import (
+    AugmentationParams,
+    LossParams,
+    PositionStageParams,
+    TrainingParams,
+    batches_of_epoch,
+)
 from vioapr.regression.prediction import load_predictor, predict_walks
 from vioapr.regression.preparing import choose_frames, prepare_run
 from vioapr.regression.spec import RegressorSpec
