@@ -53,11 +53,11 @@ class PairGeometries(NamedTuple):
 
     def at(self, index: Any) -> PairGeometries:
         """Some of them."""
-        return PairGeometries(*(column[index] for column in self))
+        return PairGeometries._make(column[index] for column in self)
 
     def and_also(self, others: PairGeometries) -> PairGeometries:
         """These, then those."""
-        return PairGeometries(*map(np.concatenate, zip(self, others, strict=True)))
+        return PairGeometries._make(np.concatenate(both) for both in zip(self, others, strict=True))
 
 
 def read_geometries(
