@@ -22,7 +22,7 @@ from vioapr.recording.importers.base import ImportOptions
 from vioapr.recording.importers.images import IMPORTER as IMAGES
 from vioapr.recording.recording import IMAGES_FOLDER, Recording
 from vioapr.recording.scene import RECORDINGS_FOLDER, Scene
-from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
+from vioapr.trajectory import Trajectory, poses_of_frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +163,7 @@ class LocalizedWalk:
 
     def gt_world_from_cam(self, gt: Trajectory) -> Rigid3:
         """Ground truth of every frame, NaN where it has none."""
-        times = self.frames.timestamps_s
-        placeholder = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-        timed = Trajectory(times, np.zeros((len(times), 3)), placeholder)
-        pairs = associate(timed, gt, DEFAULT_TOLERANCE_S)
-        poses = Rigid3(np.full((len(times), 3), np.nan), np.full((len(times), 4), np.nan))
-        for all_, known in zip(poses, gt.target_from_source, strict=True):
-            all_[pairs.left_rows] = known[pairs.right_rows]
-        return poses
+        return poses_of_frames(gt, self.frames.timestamps_s)
 
     def _column(self, name: str) -> NDArray[np.float64]:
         return np.array([getattr(one, name) for one in self.located])
