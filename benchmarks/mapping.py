@@ -65,16 +65,17 @@ def make_redkitchen(data: Path, folder: Path, every: int = 10) -> tuple[Scene, T
                 continue
             time_s = float(row["t"])
             image = data / "images" / row["image"]
-            vio_from_cam = HALF_TURN_ABOUT_X @ _pose(row, "dslam")
+            vio_from_cam = HALF_TURN_ABOUT_X @ read_pose(row, "dslam")
             writer.add_frame(time_s, image.name, image, Tracking.NORMAL, vio_from_cam, REDKITCHEN)
-            truth.append((time_s, _pose(row, "gt")))
+            truth.append((time_s, read_pose(row, "gt")))
     scene = scene.with_recording("seq-01", "train")
     scene.save()
     times, poses = zip(*truth, strict=True)
     return scene, Trajectory.from_arrays(times, *rigid.stack(poses))
 
 
-def _pose(row: dict[str, str], kind: str) -> Rigid3:
+def read_pose(row: dict[str, str], kind: str) -> Rigid3:
+    """Of a row of poses.csv: gt is world_from_cam, dslam and dso are vio_from_cam."""
     position = [float(row[f"{kind}_{axis}"]) for axis in "xyz"]
     quat = [float(row[f"{kind}_{part}"]) for part in ("qx", "qy", "qz", "qw")]
     return Rigid3(np.array(position), np.array(quat))
@@ -138,7 +139,7 @@ def _odometry_scale(data: Path, truth: Trajectory) -> dict[str, float]:
     """SfM metres per SLAM metre, by the two files alone."""
     with (data / "poses.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if int(row["frame"]) % 10 == 0]
-    slam = np.array([_pose(row, "dslam").translation_m for row in rows])
+    slam = np.array([read_pose(row, "dslam").translation_m for row in rows])
     # The map is nearly free of error, so it is the side that is scaled: noise in the scaled
     # side would make the scale too small.
     scale = align_umeyama(truth.positions_m, slam, with_scale=True).scale

@@ -1,5 +1,7 @@
 import subprocess
 import sys
+from importlib.resources import files
+from pathlib import Path
 
 import pytest
 
@@ -27,23 +29,46 @@ def test_unknown_verbs_are_refused(fails):
 
 
 @pytest.mark.slow
-def test_the_demo_runs(run, tmp_path):
-    code, out, err = run("demo", "--out", tmp_path / "demo", "--walks", "1")
+def test_the_demo_localizes_its_walk_from_pictures(run, tmp_path):
+    out = tmp_path / "demo"
+    code, printed, err = run("demo", "--out", out)
     assert code == 0, err
-    assert "vio-apr" in out
-    assert (tmp_path / "demo" / "report" / "index.html").exists()
-    assert (tmp_path / "demo" / "Simulated" / "walk01" / "gt.tum").exists()
-    again = run("demo", "--out", tmp_path / "again", "--walks", "1")[1]
-    assert [line for line in again.splitlines() if "|" in line or "│" in line] == [
-        line for line in out.splitlines() if "|" in line or "│" in line
-    ]
+    assert all(method in printed for method in ("apr", "vio", "vio-apr", "consensus"))
+    assert (out / "report" / "index.html").exists()
+    images = len(list((out / "courtyard" / "recordings" / "test-01" / "images").iterdir()))
+    assert len((out / "fused.csv").read_text().splitlines()) == images + 1
+    (command,) = (line for line in printed.splitlines() if line.startswith("vioapr localize"))
+    before = (out / "fused.csv").read_bytes()
+    assert run(*command.split()[1:])[0] == 0
+    assert (out / "fused.csv").read_bytes() == before
 
 
-def test_demo_refuses_what_cannot_be(fails, tmp_path):
-    assert "--walks: expected at least 1, got 0" in fails("demo", "--walks", "0")
-    assert "--seed" in fails("demo", "--seed", "-1")
+def test_what_the_demo_ships_is_small_and_sound(run):
+    folder = Path(str(files("vioapr") / "demo"))
+    assert sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) < 12e6
+    code, out, err = run("scene", "check", folder / "courtyard")
+    assert code == 0, out + err
+
+
+def test_demo_refuses_a_file_as_its_folder(fails, tmp_path):
     (tmp_path / "file").touch()
-    assert "cannot be made" in fails("demo", "--out", tmp_path / "file")
+    assert "cannot be written" in fails("demo", "--out", tmp_path / "file")
+
+
+def test_simulated_walks_are_walks(run, tmp_path):
+    code, _, err = run("simulate", "walks", "--out", tmp_path / "walks", "--walks", "2")
+    assert code == 0, err
+    code, out, err = run("evaluate", tmp_path / "walks", "--methods", "apr,vio-apr")
+    assert code == 0, err
+    assert "2 walks" in out
+
+
+def test_simulate_walks_refuses_what_cannot_be(fails, tmp_path):
+    out = ("--out", tmp_path / "walks")
+    assert "--walks: expected at least 1, got 0" in fails("simulate", "walks", *out, "--walks", "0")
+    assert "--seed" in fails("simulate", "walks", *out, "--seed", "-1")
+    (tmp_path / "file").touch()
+    assert "cannot be made" in fails("simulate", "walks", "--out", tmp_path / "file")
 
 
 def test_a_closed_pipe_is_no_error():

@@ -1,59 +1,49 @@
-"""`vioapr demo`: a first look without any data."""
+"""`vioapr demo`: a walk localized from its pictures, without any data of one's own."""
 
 from __future__ import annotations
 
+import shutil
+import webbrowser
+from importlib.resources import as_file, files
 from pathlib import Path
 
-from vioapr.cli.console import console, progress
-from vioapr.cli.evaluate import print_tables, publish
-from vioapr.errors import FormatError, ParameterError
-from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
-from vioapr.evaluation.tables import group_results
-from vioapr.evaluation.walks import find_walks, load_cases
-from vioapr.formats import tum
-from vioapr.fusion.methods import METHODS
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.cli.console import console, error_console
+from vioapr.cli.localize import localize_
+from vioapr.errors import FormatError
+from vioapr.recording.scene import Scene
+
+LOCALIZER = "localizer.onnx"
+SCENE = "courtyard"
 
 
-def demo(out: Path = Path("vioapr-demo"), walks: int = 5, seed: int = 0) -> None:
-    """Simulate walks, fuse them, print the tables and write a report.
+def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
+    """Localize a walk through a courtyard from its pictures, and open the report.
 
-    The walks are files like a user's own: try `vioapr inspect`, `fuse` and `evaluate` on them.
+    Pictures, tracker and a localizer for the place come with the package; docs/demo.md says how
+    they were made. Compared are the raw regressor, VIO alone, the paper's method and consensus.
+    The files are like a user's own: try the command that is printed on them, or `vioapr bench`.
 
     Args:
-        out: Folder to write the walks and the report to.
-        walks: Number of walks.
-        seed: Seed of the simulation; the same seed gives the same walks.
+        out: Folder to copy scene and localizer to, and to write fused.csv and the report to.
+        open_report: Show the report in a browser, if there is one.
     """
-    if walks < 1:
-        raise ParameterError(f"--walks: expected at least 1, got {walks}")
-    if seed < 0:
-        raise ParameterError(f"--seed: expected a number of at least 0, got {seed}")
-    with progress("simulating walks", walks) as tick:
-        for index in range(walks):
-            _write_walk(out / "Simulated" / f"walk{index + 1:02d}", seed + index)
-            tick()
-    methods = {name: METHODS[name].params_type() for name in ("apr", "vio", "vio-apr", "consensus")}
-    cases = load_cases(find_walks([out / "Simulated"]))
-    with progress("fusing", count_ticks(cases, list(methods))) as tick:
-        groups = group_results(evaluate_cases(cases, methods, tick=tick))
-    print_tables(groups)
-    console.print(f"walks: {(out / 'Simulated').resolve()}", soft_wrap=True)
-    publish(
-        groups,
-        out / "report",
-        title="vioapr on simulated walks",
-        params_of_method=methods,
-        view="retrospective",
-    )
+    _copy(out)
+    recording = Scene.open(out / SCENE).splits["test"][0]
+    folder = out / SCENE / "recordings" / recording
+    console.print(
+        f"vioapr localize --model {out / LOCALIZER} --recording {folder} "
+        f"--out {out / 'fused.csv'} --report {out / 'report'}",
+        soft_wrap=True, markup=False,
+    )  # fmt: skip
+    localize_(out / LOCALIZER, out / "fused.csv", folder, report=out / "report")
+    if open_report and error_console.is_terminal:
+        webbrowser.open((out / "report" / "index.html").resolve().as_uri())
 
 
-def _write_walk(folder: Path, seed: int) -> None:
-    walk = simulate_walk(WalkParams(), seed)
+def _copy(out: Path) -> None:
+    """Scene and localizer out of the package; what an earlier demo left is replaced."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        with as_file(files("vioapr") / "demo") as package:
+            shutil.copytree(package, out, dirs_exist_ok=True)
     except OSError as error:
-        raise FormatError(folder, f"cannot be made: {error.strerror}") from None
-    tum.write(folder / "gt.tum", walk.gt)
-    tum.write(folder / "vio_sim.tum", walk.vio)
-    tum.write(folder / "apr_simulated.tum", walk.apr)
+        raise FormatError(out, f"cannot be written: {error}") from None

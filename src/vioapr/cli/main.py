@@ -26,6 +26,7 @@ from vioapr.cli.predict import predict
 from vioapr.cli.reproduce import reproduce_7scenes, reproduce_cambridge, reproduce_marvin
 from vioapr.cli.scene import scene_check, scene_info
 from vioapr.cli.simulate import simulate_courtyard
+from vioapr.cli.simulate_walks import simulate_walks
 from vioapr.cli.train import train
 from vioapr.cli.vio_quality import vio_quality
 from vioapr.errors import VioAprError
@@ -46,6 +47,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "reproduce 7scenes": reproduce_7scenes,
     "reproduce cambridge": reproduce_cambridge,
     "simulate courtyard": simulate_courtyard,
+    "simulate walks": simulate_walks,
     "export": export,
     "localize": localize_,
     "bench": bench_,

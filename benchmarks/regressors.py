@@ -1,0 +1,245 @@
+"""Regressors trained from nothing: raw, fused, and on how many cores in which time.
+
+    python benchmarks/regressors.py courtyard FOLDER [--models mobile,posenet] [--json FILE]
+    python benchmarks/regressors.py redkitchen FOLDER [--data FOLDER] [--json FILE]
+    python benchmarks/regressors.py two-scenes FOLDER [--json FILE]
+
+courtyard: simulated training walks, two test walks in weathers of their own. redkitchen: frames
+before 800 of 7-Scenes redkitchen seq-01 to learn from, the others to test, RGB-D SLAM as VIO.
+two-scenes: one MS-Transformer for two courtyards; does it tell them apart?
+
+FOLDER keeps scenes and checkpoints; what is there already is not made again. Figures are medians
+of the test walks, on all of their frames; `tilt by VIO` is the raw prediction with roll and pitch
+replaced by the tracker's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common import describe_machine, write_json
+
+from mapping import HALF_TURN_ABOUT_X, REDKITCHEN, read_pose
+from vioapr.cli.console import progress
+from vioapr.cli.evaluate import print_tables
+from vioapr.cli.main import main as vioapr
+from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
+from vioapr.evaluation.tables import group_results, to_json
+from vioapr.evaluation.walks import Case, find_walks, load_cases
+from vioapr.fusion.methods import METHODS
+from vioapr.geometry import quaternion
+from vioapr.geometry.rigid import Rigid3
+from vioapr.recording.frames import Tracking
+from vioapr.recording.info import RecordingInfo
+from vioapr.recording.scene import Scene
+from vioapr.recording.writer import RecordingWriter
+from vioapr.trajectory import Trajectory
+
+SIMULATE = "--train 24 --test 2 --rate-hz 5 --width-px 256 --height-px 192"
+"""Of `vioapr simulate courtyard`: the scene of these figures and of the demo."""
+
+COMMON = "--weight-decay 0 --schedule cosine --rotation 6d --dropout 0 --jitter 0.3 --hue 0.05"
+TRAIN = {
+    "mobile": f"--resize 64 --crop 64 --epochs 30 --batch-size 64 --lr 2e-3 {COMMON}",
+    "posenet": f"--resize 64 --crop 64 --epochs 12 --batch-size 64 --lr 1e-3 {COMMON} "
+    "--precision bf16",
+    "ms-transformer": f"--resize 128 --crop 128 --epochs 6 --batch-size 32 --lr 3e-4 {COMMON}",
+}
+"""Options of `vioapr train` by model."""
+
+REDKITCHEN_TRAIN = {"mobile": TRAIN["mobile"].replace("--epochs 30", "--epochs 400")}
+
+METHODS_SHOWN = ("apr", "vio", "vio-apr", "consensus")
+
+
+def run(*arguments: object) -> float:
+    """One command of vioapr, shown; returns its seconds."""
+    words = [str(argument) for argument in arguments]
+    print("vioapr", *words, flush=True)
+    start = time.perf_counter()
+    if code := vioapr(words):
+        sys.exit(code)
+    return time.perf_counter() - start
+
+
+def simulate(folder: Path, seed: int = 0, options: str = SIMULATE) -> Scene:
+    """A courtyard, unless it is there."""
+    if not (folder / "preview.png").exists():  # the last file that is written
+        run("simulate", "courtyard", "--out", folder, "--seed", seed, *options.split())
+    return Scene.open(folder)
+
+
+def train(scenes: list[Scene], model: str, options: str, out: Path) -> dict[str, Any]:
+    """A regressor, unless it is there; its epochs and seconds."""
+    facts = out / "facts.json"
+    if not facts.exists():
+        folders = [scene.folder for scene in scenes]
+        seconds = run("train", *folders, "--model", model, "--out", out, *options.split())
+        content = json.loads((out / "state.json").read_text())
+        write_json(facts, {"options": options, "seconds": seconds, "last": content["epochs"][-1]})
+    return json.loads(facts.read_text())
+
+
+def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
+    """Predict the test recordings, fuse, compare."""
+    run("predict", "--scene", scene.folder, "--model", run_folder, "--out", out)
+    cases = load_cases(find_walks([out]))
+    params = {name: METHODS[name].params_type() for name in METHODS_SHOWN}
+    with progress("fusing", count_ticks(cases, list(params))) as tick:
+        groups = group_results(evaluate_cases(cases, params, tick=tick))
+    print_tables(groups)
+    (raw,) = (row.fused for row in groups[0].rows if row.method == "apr")
+    extent_m = _extent_m(scene)
+    facts = {
+        "extent_m": extent_m,
+        "median_m_of_extent": raw.median_m / extent_m,
+        "tilt_by_vio_median_deg": float(np.mean([_with_tilt_of_vio(case) for case in cases])),
+        "raw_median_deg": raw.median_deg,
+    }
+    print(facts)
+    return {**facts, "groups": to_json(groups)}
+
+
+def _extent_m(scene: Scene) -> float:
+    """The longer side, on the ground, of the box around all training cameras."""
+    position_m = np.concatenate([_gt(scene, id_).positions_m for id_ in scene.splits["train"]])
+    return float(np.ptp(position_m, axis=0)[:2].max())
+
+
+def _gt(scene: Scene, id_: str) -> Trajectory:
+    gt = scene.gt(id_)
+    assert gt is not None
+    return gt
+
+
+def _with_tilt_of_vio(case: Case) -> float:
+    """Median error, deg, of the raw rotations after the least turn that puts up where VIO has it.
+
+    Only where up is z in the map and y in the tracker's world.
+    """
+    inputs, up_in_map, up_in_vio = case.frames.inputs, np.eye(3)[2], np.eye(3)[1]
+    rows = case.has_gt & inputs.has_apr & inputs.has_vio
+    raw = inputs.apr_world_from_cam.quat_xyzw[rows]
+    cam_from_vio = quaternion.inverse(inputs.vio_from_cam.quat_xyzw[rows])
+    said = quaternion.rotate(raw, quaternion.rotate(cam_from_vio, up_in_vio))
+    axis = np.cross(said, up_in_map)
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(length, (said @ up_in_map)[:, None])
+    turned = quaternion.multiply(
+        quaternion.from_rotvec(axis / np.maximum(length, 1e-12) * angle), raw
+    )
+    true = case.gt_world_from_cam.quat_xyzw[rows]
+    return float(np.median(quaternion.angle_between_deg(turned, true)))
+
+
+def courtyard(folder: Path, models: list[str]) -> dict[str, Any]:
+    """Every model on the simulated courtyard."""
+    scene = simulate(folder / "courtyard")
+    results = {}
+    for model in models:
+        trained = train([scene], model, TRAIN[model], folder / model)
+        results[model] = {"trained": trained, **judge(scene, folder / model, folder / "walks")}
+    return results
+
+
+def make_redkitchen(data: Path, folder: Path) -> Scene:
+    """A scene of two recordings, frames before 800 and the others."""
+    scene = Scene.create(folder, "redkitchen", is_outdoor=False)
+    with (data / "poses.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for id_, split, chosen in (
+        ("before-800", "train", [row for row in rows if int(row["frame"]) < 800]),
+        ("from-800", "test", [row for row in rows if int(row["frame"]) >= 800]),
+    ):
+        info = RecordingInfo(tracker="RGB-D SLAM", is_gravity_aligned=False)
+        poses = [read_pose(row, "gt") for row in chosen]
+        with RecordingWriter(scene.recording_folder(id_), info) as writer:
+            for row in chosen:
+                image = data / "images" / row["image"]
+                vio_from_cam: Rigid3 = HALF_TURN_ABOUT_X @ read_pose(row, "dslam")
+                writer.add_frame(
+                    float(row["t"]), image.name, image, Tracking.NORMAL, vio_from_cam, REDKITCHEN
+                )
+        times = [float(row["t"]) for row in chosen]
+        positions, quats = (np.stack(column) for column in zip(*poses, strict=True))
+        scene.write_gt(id_, Trajectory.from_arrays(times, positions, quats))
+        scene = scene.with_recording(id_, split)
+    scene.save()
+    return scene
+
+
+def redkitchen(folder: Path, data: Path) -> dict[str, Any]:
+    """One sequence's start to learn from, its end to test."""
+    place = folder / "redkitchen"
+    scene = Scene.open(place) if (place / "gt" / "from-800.tum").exists() else (
+        make_redkitchen(data, place))  # fmt: skip
+    results = {}
+    for model, options in REDKITCHEN_TRAIN.items():
+        trained = train([scene], model, options, folder / f"redkitchen-{model}")
+        judged = judge(scene, folder / f"redkitchen-{model}", folder / "walks-redkitchen")
+        results[model] = {"trained": trained, **judged}
+    return results
+
+
+def two_scenes(folder: Path) -> dict[str, Any]:
+    """Two courtyards of different seeds; the share of test images that are taken for their own."""
+    from vioapr.regression.checkpoint import load
+    from vioapr.regression.prediction import predict_recording
+
+    scenes = [simulate(folder / f"place-{seed}", seed, SIMULATE) for seed in (1, 2)]
+    scenes = [_named(scene, f"place-{number}") for number, scene in enumerate(scenes, 1)]
+    model = "ms-transformer"
+    trained = train(scenes, model, TRAIN[model], folder / model)
+    regressor = load(folder / model)
+    shares: dict[str, float] = {}
+    for number, scene in enumerate(scenes):
+        for id_ in scene.splits["test"]:
+            _, predicted = predict_recording(regressor, scene, id_)
+            shares[f"{scene.name}/{id_}"] = float(np.mean(predicted.scene == number))
+    print(shares)
+    judged = {
+        scene.name: judge(scene, folder / model, folder / f"walks-{scene.name}") for scene in scenes
+    }
+    return {"trained": trained, "right_scene": shares, **judged}
+
+
+def _named(scene: Scene, name: str) -> Scene:
+    """Scenes of one regressor need names of their own."""
+    named = replace(scene, name=name)
+    named.save()
+    return named
+
+
+def main() -> None:
+    """Run one benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], allow_abbrev=False)
+    parser.add_argument("benchmark", choices=("courtyard", "redkitchen", "two-scenes"))
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--models", default="mobile,posenet")
+    parser.add_argument("--data", type=Path, default=os.environ.get("VIOAPR_DATA"))
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    if options.benchmark == "redkitchen":
+        if options.data is None:
+            parser.error("--data, or the environment variable VIOAPR_DATA, must name the data")
+        results = redkitchen(options.folder, Path(options.data) / "redkitchen_seq01_images")
+    elif options.benchmark == "courtyard":
+        results = courtyard(options.folder, options.models.split(","))
+    else:
+        results = two_scenes(options.folder)
+    if options.json:
+        machine = describe_machine(["torch", "numpy", "moderngl"])
+        write_json(options.json, {"machine": machine, **results})
+
+
+if __name__ == "__main__":
+    main()
