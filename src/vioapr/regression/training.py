@@ -86,7 +86,7 @@ def _learn(
 def _make_optimizer(run: Run, learner: Learner, states: OptimizerStates) -> Optimizer:
     optimizer = torch.optim.Adam(
         [p for p in learner.parameters() if p.requires_grad],
-        lr=run.params.lr, eps=run.params.eps, weight_decay=run.params.weight_decay,
+        lr=run.params.lr, eps=run.params.eps, weight_decay=run.params.weight_decay, fused=True,
     )  # fmt: skip
     groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": states, "param_groups": groups})

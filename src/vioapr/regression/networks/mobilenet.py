@@ -42,7 +42,9 @@ class MobileNetV3Large(nn.Module):
     def __init__(self) -> None:
         """With random weights."""
         super().__init__()
-        norm = partial(nn.BatchNorm2d, eps=0.001, momentum=0.01)
+        # torchvision's momentum of 0.01 needs thousands of steps before a network in evaluation
+        # is the one that was trained; one place is learned in hundreds.
+        norm = partial(nn.BatchNorm2d, eps=0.001, momentum=0.1)
         inputs = 16
         layers: list[nn.Module] = [
             ConvNorm(3, inputs, 3, 2, activation=nn.Hardswish, norm=norm),
