@@ -14,7 +14,7 @@ from vioapr.fusion.consensus.anchor import (
 )
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.position import fit_position
-from vioapr.fusion.consensus.robust import Ballot, typical_of
+from vioapr.fusion.consensus.robust import NEWEST, Ballot, total, typical_of
 from vioapr.fusion.consensus.rotation import fit_rotation
 from vioapr.fusion.consensus.tracker import Tracker, new_tracker
 from vioapr.fusion.consensus.trust import Trust, learn, no_trust_yet
@@ -150,16 +150,18 @@ def _ballots(trust: Trust, votes: Votes, ages: Array, shares: Array) -> tuple[Ba
     fresh = votes.is_valid * xp.astype(jumps < 1, jumps.dtype)
     # Times the number of views: all votes from before a jump err together, and together they
     # must not outweigh one vote from after it.
-    steps = votes.stated + jumps * xp.sum(shares, axis=-1, keepdims=True)
+    steps = votes.stated + jumps * total(shares)
     turns = xp.concat([steps[..., :1, :], steps[..., :1, :]], axis=-2)
     drifts = trust.rates * ages[..., :1, :]
+    judged, newest = typical_of(fresh), typical_of(votes.is_valid[..., :NEWEST])
     bases = (turns + drifts[..., :2, :], steps[..., 1:, :] + drifts[..., 2:, :])
     return tuple(
         Ballot(
             votes,
             shares,
             bases[i],
-            typical_of(fresh[..., i : i + 1, :]),
+            judged.row(i),
+            newest,
             trust.scatter[..., i : i + 1, :],
             trust.noise[..., i : i + 1, :],
         )

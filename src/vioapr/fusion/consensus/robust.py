@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from vioapr.fusion.consensus.votes import Votes
 from vioapr.geometry.arrays import Array, constant, namespace
 
-ITERATIONS = 3
+ITERATIONS = 2
 
 _GATE = 4.0
 """Squared errors, in units of the typical one, from which a vote counts as an outlier."""
@@ -17,7 +18,7 @@ _GATE = 4.0
 _MEDIAN_CHI2 = 2.366
 """Median of the chi-squared distribution with three degrees of freedom."""
 
-_NEWEST = 7
+NEWEST = 7
 """Votes whose common disagreement with the mean raises doubt."""
 
 _FEW = 5
@@ -52,27 +53,41 @@ class Typical(NamedTuple):
     """Picks the lower median of some votes' values.
 
     Attributes:
-        absent: Shape (..., 1, n), a huge number for votes that do not count, else 0.
-        is_middle: Shape (..., n, 1), 1 at the median's place in the sorted values, else 0.
-        is_few: Shape (..., 1, 1), whether too few votes count.
+        absent: Shape (..., k, n), a huge number for votes that do not count, else 0.
+        is_middle: Shape (..., k, n), 1 at the median's place in the sorted values, else 0.
+        is_few: Shape (..., k, 1), whether too few votes count.
     """
 
     absent: Array
     is_middle: Array
     is_few: Array
 
+    def row(self, index: int) -> Typical:
+        """One of the k choices of votes."""
+        return Typical(*(part[..., index : index + 1, :] for part in self))
+
     def median(self, values: Array) -> Array:
-        """Of values of shape (..., 1, n)."""
-        return namespace(values).sort(values + self.absent, axis=-1) @ self.is_middle
+        """Of values of shape (..., 1, n), k being 1."""
+        return namespace(values).sort(values + self.absent, axis=-1) @ self.is_middle.mT
 
 
 def typical_of(counts: Array) -> Typical:
-    """Of the votes where `counts`, shape (..., 1, n), is 1 and not 0."""
+    """Of the votes where `counts`, shape (..., k, n), is 1 and not 0."""
     xp = namespace(counts)
     number = total(counts)
-    index = constant(np.arange(counts.shape[-1])[:, None], counts)
+    index = constant(_indices(counts.shape[-1]), counts)
     is_middle = xp.astype(index == xp.floor((number - 1) / 2), counts.dtype)
     return Typical((1 - counts) * 1e12, is_middle, number < _FEW)
+
+
+@cache
+def _indices(count: int) -> np.ndarray:
+    return np.arange(float(count))
+
+
+@cache
+def _ones(count: int) -> np.ndarray:
+    return np.ones((count, 1))
 
 
 class Ballot(NamedTuple):
@@ -83,7 +98,8 @@ class Ballot(NamedTuple):
         shares: See `views.view_shares`, shape (..., 1, n).
         base: Votes' variances in units of the usual one: as the regressor states, and what VIO
             has drifted since, shape (..., k, n).
-        fresh: Which votes the scatter is judged by: those since the last jump.
+        fresh: The votes that the scatter is judged by: those since the last jump.
+        newest: The newest few votes.
         last: The scatter at the last vote, shape (..., 1, 1).
         noise: Typical error of a prediction, shape (..., 1, 1).
     """
@@ -92,6 +108,7 @@ class Ballot(NamedTuple):
     shares: Array
     base: Array
     fresh: Typical
+    newest: Typical
     last: Array
     noise: Array
 
@@ -124,10 +141,9 @@ class Ballot(NamedTuple):
         distrust = squares / scatter2
         outlying = distrust / (3 * self.base[..., -1:, :]) - _GATE
         excess = xp.maximum(outlying, constant(0.0, outlying))
-        newest = squares[..., :_NEWEST]
         # Most of the newest votes are farther off than usual, as when the camera is covered:
         # either they are wrong, or the mean is.
-        usual = typical_of(self.votes.is_valid[..., :_NEWEST]).median(newest) / 3
+        usual = self.newest.median(squares[..., :NEWEST]) / 3
         doubt = usual - _GATE * self.noise * self.noise
         doubt = xp.maximum(doubt, constant(0.0, doubt))
         return Fit(mean, samples, independent, xp.sqrt(scatter2), distrust, excess, doubt)
@@ -135,12 +151,15 @@ class Ballot(NamedTuple):
 
 def total(values: Array) -> Array:
     """Sum over the votes, shape (..., k, n) to (..., k, 1)."""
-    return values @ constant(np.ones((values.shape[-1], 1)), values)
+    return values @ constant(_ones(values.shape[-1]), values)
 
 
 def squared_length(vectors: Array) -> Array:
     """Of each vote's vector, shape (..., 3, n) to (..., 1, n)."""
-    return constant(np.ones((1, 3)), vectors) @ (vectors * vectors)
+    return constant(_SUM_OF_THREE, vectors) @ (vectors * vectors)
+
+
+_SUM_OF_THREE = np.ones((1, 3))
 
 
 def best_supported(candidates: Array, nearness: Array, ballot: Ballot) -> Array:

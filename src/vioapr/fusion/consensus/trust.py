@@ -20,8 +20,11 @@ from vioapr.fusion.consensus.views import view_exponents
 from vioapr.fusion.consensus.votes import RECENT, Votes
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, zeros
 
-_LEARNING = 0.1
-"""Weight of a new view's evidence in the running average."""
+_LEARNING = 0.12
+"""Weight of a lesson's evidence in the running average."""
+
+_VIEWS_PER_LESSON = 2
+"""Consecutive memories differ little: they are judged at every second new view."""
 
 _SCEPTICAL_PRIOR = -2.0
 """As `drift_prior`, for a tracker that does not know up: much drift is expected of it."""
@@ -69,7 +72,7 @@ class Trust(NamedTuple):
         scatter: Typical residual of a vote, per axis.
         noise: Typical error of a prediction, per axis: with the slow part that neighbouring
             votes share.
-        lessons: How often something was learned, shape (..., 1, 1).
+        views: How many new views there were, shape (..., 1, 1).
     """
 
     evidence: Array
@@ -77,7 +80,7 @@ class Trust(NamedTuple):
     is_upright: Array
     scatter: Array
     noise: Array
-    lessons: Array
+    views: Array
 
     @property
     def drifts(self) -> Array:
@@ -132,7 +135,7 @@ def learn(
     is_upright: Array,
     is_new_view: Array,
 ) -> Trust:
-    """After a vote: note the scatter, and average the evidence in if there is a new view.
+    """After a vote: note the scatter, and average the evidence in at every second new view.
 
     Args:
         params: Of the method.
@@ -147,11 +150,14 @@ def learn(
     scatter = xp.concat([fit.scatter for fit in fits], axis=-2)
     noise2 = trust.noise * trust.noise
     jumps = (1 / noise2).mT @ ages[..., 1:, :]
-    enough = total(votes.is_valid) > RECENT + 1
+    is_view = is_new_view & (total(votes.is_valid) > RECENT + 1)
+    views = trust.views + xp.astype(is_view, scatter.dtype)
+    lessons = xp.floor((views - 1) / _VIEWS_PER_LESSON) + 1
+    is_lesson = is_view & (lessons * _VIEWS_PER_LESSON == views + _VIEWS_PER_LESSON - 1)
     inputs = (
         trust.evidence,
         trust.noise,
-        trust.lessons,
+        lessons,
         scatter,
         xp.concat([fit.samples for fit in fits], axis=-2),
         votes.is_valid,
@@ -160,15 +166,13 @@ def learn(
         fits[0].excess + fits[1].excess,
         jumps,
     )
-    condition = (is_new_view & enough)[..., 0, 0]
 
     def compute(*rows: Array) -> tuple[Array, ...]:
         return _learn(params, *rows)
 
-    learned = compute_where(condition, compute, inputs, inputs[:3])
-    evidence, noise, lessons = learned
+    evidence, noise = compute_where(is_lesson[..., 0, 0], compute, inputs, inputs[:2])
     rates = _likeliest_rates(params, evidence, is_upright)
-    return Trust(evidence, rates, is_upright, scatter, noise, lessons)
+    return Trust(evidence, rates, is_upright, scatter, noise, views)
 
 
 _CHANNEL_SCATTER = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -205,9 +209,8 @@ def _learn(
 
 def _average(
     params: ConsensusParams, evidence: Array, noise: Array, lessons: Array, new: Evidence
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     xp = namespace(lessons)
-    lessons = lessons + 1
     rate = xp.maximum(1 / lessons, constant(_LEARNING, lessons))
     evidence = evidence + rate * (new.log_likelihood - evidence)
     # What may be error or drift counts as error here: uncertainty must not be too small.
@@ -215,4 +218,4 @@ def _average(
     weights = xp.exp(own - xp.max(own, axis=-1, keepdims=True))
     weights = weights * constant(_prior(params.drift_prior), weights)
     variance = total(weights * new.variance[..., 1:, :]) / total(weights)
-    return evidence, noise + rate * (xp.sqrt(variance) - noise), lessons
+    return evidence, noise + rate * (xp.sqrt(variance) - noise)
