@@ -6,18 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vioapr.fusion.consensus.drift import CORRELATED_PART
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.robust import Fit
-from vioapr.fusion.consensus.trust import Trust
 from vioapr.geometry.arrays import Array, constant, namespace, zeros
 
 _COMMON_BIAS = np.array([[0.2], [0.5]])
 """Share of the errors' variance that all views of a place have in common, and that no
 comparison of votes can show; of orientation and position."""
-
-_SCALES = np.array([[0.65], [0.75]])
-"""From the standard deviations to the scales of the heavy-tailed distribution that is stated:
-Student's t with two degrees of freedom (docs/accuracy.md, Calibration)."""
 
 _GRAVITY_RAD = 0.004
 """Error of a tracker's gravity, rad."""
@@ -31,6 +27,7 @@ class Anchor(NamedTuple):
 
     Attributes:
         world_from_vio: Rotation, quaternion xyzw, shape (..., 4, 1); the tracking world is z up.
+        matrix: The same rotation, shape (..., 3, 3).
         position_m: The camera's then, in the world, shape (..., 3, 1).
         vio_place_m: The tracker's position then, shape (..., 3, 1).
         is_known: Whether there is an estimate, shape (..., 1, 1).
@@ -40,6 +37,7 @@ class Anchor(NamedTuple):
     """
 
     world_from_vio: Array
+    matrix: Array
     position_m: Array
     vio_place_m: Array
     is_known: Array
@@ -47,8 +45,17 @@ class Anchor(NamedTuple):
     drifts: Array
     odometer: Array
 
-    def sigmas(self, vio_place_m: Array, odometer: Array) -> Array:
-        """Standard deviations now: of then, and of what VIO may have drifted since, (..., 2, 3)."""
+    def carry(self, vio_place_m: Array) -> Array:
+        """A place of the tracking world in the world, shapes (..., 3, 1)."""
+        return self.position_m + self.matrix @ (vio_place_m - self.vio_place_m)
+
+    def deviations(self, vio_place_m: Array, odometer: Array) -> Array:
+        """Standard deviations now: of then, and of what VIO may have drifted since, (..., 2, 3).
+
+        Args:
+            vio_place_m: Where the tracker is now, shape (..., 3, 1).
+            odometer: Its readings now.
+        """
         xp = namespace(odometer)
         since = odometer - self.odometer
         moved = vio_place_m - self.vio_place_m
@@ -67,6 +74,7 @@ def no_anchor(batch_shape: tuple[int, ...], like: Array) -> Anchor:
     identity = nothing(4, 1) + constant(np.array([[0.0], [0.0], [0.0], [1.0]]), like)
     return Anchor(
         identity,
+        nothing(3, 3),
         nothing(3, 1),
         nothing(3, 1),
         nothing(1, 1) > 0,
@@ -76,19 +84,30 @@ def no_anchor(batch_shape: tuple[int, ...], like: Array) -> Anchor:
     )
 
 
-def variances_of(params: ConsensusParams, trust: Trust, fits: tuple[Fit, Fit]) -> Array:
-    """Of the means of rotation and position, per axis of the world, shape (..., 2, 3)."""
-    xp = namespace(trust.noise)
-    noise2, common = trust.noise * trust.noise, constant(_COMMON_BIAS, trust.noise)
+def variances_of(params: ConsensusParams, noise: Array, fits: tuple[Fit, Fit]) -> Array:
+    """Of the means of rotation and position, per axis of the world, shape (..., 2, 3).
+
+    Args:
+        params: Of the method.
+        noise: Typical error of a prediction, rad and m, shape (..., 2, 1).
+        fits: Of rotation and position.
+    """
+    xp = namespace(noise)
+    common = constant(_COMMON_BIAS, noise)
     independent = xp.concat([fit.independent.mT for fit in fits], axis=-2)
     doubt = xp.concat([fit.doubt for fit in fits], axis=-2)
-    variances = noise2 * (common + (1 - common) / independent) + doubt
+    variances = noise * noise * (common + (1 - common) / independent) + doubt
     if params.gravity == "known":
         tilts = constant(_TILTS, variances)
         variances = variances * (1 - tilts) + tilts * _GRAVITY_RAD**2
     return variances
 
 
-def stated_scales(deviations: Array) -> Array:
-    """What is stated of standard deviations, shape (..., 2, 3) or (..., 2, 1)."""
-    return deviations * constant(_SCALES, deviations)
+def drifts_of(rates: Array, noise: Array) -> Array:
+    """Of heading and position, in rad^2 and m^2 a metre, shape (..., 2, 1).
+
+    Args:
+        rates: See `trust.Trust`.
+        noise: Typical error of a prediction, rad and m.
+    """
+    return CORRELATED_PART * rates[..., 1:, :] * noise * noise

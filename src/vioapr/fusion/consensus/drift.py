@@ -84,9 +84,9 @@ def weigh_drifts(samples: Samples, noise: Array) -> Evidence:
     xp = namespace(noise)
     squares, log_determinant = _residuals(samples)
     count = total(samples.is_valid) - 1
-    degrees = xp.maximum(count, constant(0.0, count)) * constant(_AXES, noise)
+    degrees = xp.maximum(count, 0.0) * constant(_AXES, noise)
     sums = constant(CHANNELS, noise) @ squares
-    sums = xp.maximum(sums, constant(0.0, sums))
+    sums = xp.maximum(sums, 0.0)
     variance = (sums + _PRIOR_DEGREES * noise * noise) / (degrees + _PRIOR_DEGREES)
     score = degrees * xp.log(variance) + constant(_AXES, noise) * log_determinant
     return Evidence(-0.5 * (score - xp.min(score, axis=-1, keepdims=True)), variance)
@@ -100,7 +100,7 @@ def _residuals(samples: Samples) -> tuple[Array, Array]:
     whitened = lower[..., count:, :count]
     ones, values = whitened[..., :1, :], whitened[..., 1:, :]
     information = ones @ ones.mT
-    information = xp.maximum(information, constant(1e-12, information))  # without samples
+    information = xp.maximum(information, 1e-12)  # without samples
     products = values @ ones.mT
     squares = total(values * values) - products * products / information
     pivots = xp.linalg.diagonal(lower)[..., None, :count]
@@ -132,7 +132,7 @@ def _error_covariance(samples: Samples) -> Array:
     is_valid, exponents = samples.is_valid, samples.exponents
     # A mixture of a smooth and a rough kernel: what regressors' errors look like.
     smooth = xp.exp(exponents)
-    rough = xp.exp(-xp.sqrt(-2 * xp.minimum(exponents, constant(0.0, exponents))))
+    rough = xp.exp(-xp.sqrt(-2 * xp.minimum(exponents, 0.0)))
     errors = (smooth + rough) * (0.5 * is_valid.mT * is_valid)
     own = (_WHITE + samples.excess) * is_valid + (1 - is_valid)
     identity = constant(np.eye(is_valid.shape[-1]), own)

@@ -100,7 +100,7 @@ def _nearness(places: Array, scale: Array) -> Array:
     """1 / (1 + (distance / scale)^2) of each two, shape (..., n, n)."""
     xp = namespace(places)
     halves = negative_half_gaps((places - places[..., :1]) / scale)
-    return 1 / (1 - 2 * xp.minimum(halves, constant(0.0, halves)))
+    return 1 / (1 - 2 * xp.minimum(halves, 0.0))
 
 
 def _solve(
@@ -119,18 +119,21 @@ def _solve(
     s_off, off2, s_way, off_way, way2, weight = (moments[..., i : i + 1, :] for i in range(9, 15))
     from_mean = mean.mT
     depth = (from_mean @ off - s_off) / (off2 + scatter2 / _DEPTH_M**2)
-    depth = xp.maximum(depth, constant(0.0, depth))
+    depth = xp.maximum(depth, 0.0)
     if not params.look_at:
         depth = xp.zeros_like(depth)
     along = s_way + depth * off_way - from_mean @ way
     scale = along / (way2 + scatter2 / _SCALE_ERROR**2)
     mean = samples + depth * off - scale * way
-    return mean / xp.maximum(weight, constant(1e-12, weight)), depth, scale
+    return mean / xp.maximum(weight, 1e-12), depth, scale
 
 
 def _uneven(weights: Array, residuals: Array) -> Array:
     """How much larger the votes' variance is along each axis than on average, (..., 3, 1)."""
     xp = namespace(weights)
     squares = (residuals * residuals) @ weights.mT + 1e-12
-    ratio = squares / (constant(np.full((1, 3), 1 / 3), squares) @ squares)
-    return xp.minimum(xp.maximum(ratio, constant(0.3, ratio)), constant(2.0, ratio))
+    ratio = squares / (constant(_MEAN, squares) @ squares)
+    return xp.minimum(xp.maximum(ratio, 0.3), 2.0)
+
+
+_MEAN = np.full((1, 3), 1 / 3)

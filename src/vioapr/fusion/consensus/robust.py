@@ -122,8 +122,7 @@ class Ballot(NamedTuple):
         xp = namespace(squares)
         median = self.fresh.median(squares) / _MEDIAN_CHI2
         median = xp.where(self.fresh.is_few, self.last * self.last, median)
-        least, most = (constant(limit**2, median) for limit in limits)
-        return xp.minimum(xp.maximum(median, least), most)
+        return xp.minimum(xp.maximum(median, limits[0] ** 2), limits[1] ** 2)
 
     def finish(
         self, mean: Array, samples: Array, independent: Array, squares: Array, scatter2: Array
@@ -140,12 +139,12 @@ class Ballot(NamedTuple):
         xp = namespace(squares)
         distrust = squares / scatter2
         outlying = distrust / (3 * self.base[..., -1:, :]) - _GATE
-        excess = xp.maximum(outlying, constant(0.0, outlying))
+        excess = xp.maximum(outlying, 0.0)
         # Most of the newest votes are farther off than usual, as when the camera is covered:
         # either they are wrong, or the mean is.
         usual = self.newest.median(squares[..., :NEWEST]) / 3
         doubt = usual - _GATE * self.noise * self.noise
-        doubt = xp.maximum(doubt, constant(0.0, doubt))
+        doubt = xp.maximum(doubt, 0.0)
         return Fit(mean, samples, independent, xp.sqrt(scatter2), distrust, excess, doubt)
 
 
@@ -175,8 +174,8 @@ def best_supported(candidates: Array, nearness: Array, ballot: Ballot) -> Array:
     xp = namespace(nearness)
     base = ballot.base[..., -1:, :]
     support = (ballot.shares / base) @ nearness * ballot.votes.is_valid / base
-    best = xp.argmax(support, axis=-1, keepdims=True)
-    is_best = xp.astype(xp.arange(support.shape[-1]) == best, support.dtype)
+    best = xp.astype(xp.argmax(support, axis=-1, keepdims=True), support.dtype)
+    is_best = xp.astype(constant(_indices(support.shape[-1]), support) == best, support.dtype)
     return candidates @ is_best.mT
 
 
@@ -188,4 +187,4 @@ def independent_votes(weights: Array, denominators: Array) -> Array:
         denominators: Likewise.
     """
     number = total(weights) ** 2 / (total(weights / denominators) + 1e-12)
-    return namespace(number).maximum(number, constant(1.0, number))
+    return namespace(number).maximum(number, 1.0)

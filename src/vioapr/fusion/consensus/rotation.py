@@ -63,7 +63,7 @@ def fit_rotation(params: ConsensusParams, ballot: Ballot) -> tuple[Fit, Array]:
         denominators = base + squares / scatter2 if params.heavy_tails else base
         weights = ballot.shares / denominators
         weight = total(weights)
-        mean = total(weights * samples) / xp.maximum(weight, constant(1e-12, weight))
+        mean = total(weights * samples) / xp.maximum(weight, 1e-12)
         mean = _shrink_tilt(params, mean, weight[..., :1, :] / scatter2, is_upright)
     half = mean / 2
     real = xp.sqrt(1 - squared_length(half))
@@ -84,7 +84,7 @@ def _upright(params: ConsensusParams, start: Array) -> tuple[Array, Array]:
     heading = start * constant(_HEADING_PARTS, start)
     # The cosine of half the tilt; a half turn's heading is not defined, and does not matter.
     cosine = xp.sqrt(heading.mT @ heading)
-    upright = heading / xp.maximum(cosine, constant(1e-6, cosine))
+    upright = heading / xp.maximum(cosine, 1e-6)
     if params.gravity == "known":
         return upright, cosine >= 0
     is_upright = cosine > np.cos(_UPRIGHT_RAD / 2)
@@ -129,6 +129,6 @@ def _shrink_tilt(
         return mean * (1 - tilts)
     squared = tilts.mT @ (mean * mean)
     favour = 0.5 * squared * information - xp.log(1 + information * _TILT_RAD**2) - 1.0
-    doubt = xp.exp(xp.minimum(-favour, constant(_MOST_FAVOUR, favour)))
+    doubt = xp.exp(xp.minimum(-favour, _MOST_FAVOUR))
     lost = xp.astype(is_upright, mean.dtype) * doubt / (1 + doubt)
     return mean * (1 - tilts * lost)

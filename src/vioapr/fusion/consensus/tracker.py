@@ -8,7 +8,6 @@ import numpy as np
 
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry.arrays import Array, constant, namespace, zeros
-from vioapr.geometry.rigid import Rigid3
 
 _TURN_RADIUS_M = 0.3
 """Metres of motion that a turn by one radian counts as: about a phone's distance from its
@@ -38,7 +37,7 @@ class Tracker(NamedTuple):
     """What is remembered of the tracker, shape (..., 1, 1) unless said otherwise.
 
     Attributes:
-        vio_from_cam: Of the last tracked frame: position, then quaternion, shape (..., 7, 1).
+        vio_from_cam: Of the last frame: position, then quaternion, shape (..., 7, 1).
         timestamp_s: Of that frame.
         was_tracked: Whether the last frame was tracked.
         speed_m_s: The usual speed, in which a jump counts as a fast step only.
@@ -52,10 +51,15 @@ class Tracker(NamedTuple):
     speed_m_s: Array
     odometer: Array
 
-    def follow(self, frame: FrameInput) -> tuple[Tracker, Array]:
-        """After a frame; and whether its world is still the one of the frame before."""
-        xp = namespace(frame.timestamp_s)
-        pose, now = column(frame.vio_from_cam), frame.timestamp_s[..., None, None]
+    def follow(self, frame: FrameInput, pose: Array) -> tuple[Tracker, Array]:
+        """After a frame; and whether its world is still the one of the frame before.
+
+        Args:
+            frame: The frame.
+            pose: Its vio_from_cam as a column.
+        """
+        xp = namespace(pose)
+        now = frame.timestamp_s[..., None, None]
         same_world = frame.keeps_world[..., None, None] & self.was_tracked
         moves = xp.astype(same_world, pose.dtype)
         seconds = (now - self.timestamp_s) * moves
@@ -80,18 +84,13 @@ def new_tracker(batch_shape: tuple[int, ...], like: Array) -> Tracker:
     return Tracker(nothing(7), nothing(), nothing() > 0, nothing() + _FIRST_SPEED_M_S, nothing(3))
 
 
-def column(pose: Rigid3) -> Array:
-    """Position, then quaternion, shape (..., 7, 1)."""
-    return namespace(pose.translation_m).concat(list(pose), axis=-1)[..., None]
-
-
 def _step_sizes(difference: Array, moves: Array) -> tuple[Array, Array]:
     """Way in m and turn in rad of the difference of two poses' columns."""
     xp = namespace(difference)
     squares = constant(_POSE_PARTS, difference) @ (difference * difference) * moves
     # Of the two quaternions of a rotation, the nearer one: |p + q|^2 = 4 - |p - q|^2.
     chord2 = xp.minimum(squares[..., 1:, :], 4 - squares[..., 1:, :])
-    chord2 = xp.maximum(chord2, constant(0.0, chord2))
+    chord2 = xp.maximum(chord2, 0.0)
     return xp.sqrt(squares[..., :1, :]), 4 * xp.asin(0.5 * xp.sqrt(chord2))
 
 

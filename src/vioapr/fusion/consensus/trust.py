@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from vioapr.fusion.consensus.drift import (
-    CORRELATED_PART,
     ERROR_LENGTH_RAD,
     LOG10_RATES,
     Evidence,
@@ -44,6 +44,7 @@ _FIRST_NOISE = np.array([[0.08], [0.5]])
 """Typical errors of a regressor, rad and m, until the votes tell."""
 
 
+@cache
 def _prior(slope: float) -> np.ndarray:
     prior = np.exp(-slope * (LOG10_RATES - LOG10_RATES[0]))
     return prior / prior.sum()
@@ -81,11 +82,6 @@ class Trust(NamedTuple):
     scatter: Array
     noise: Array
     views: Array
-
-    @property
-    def drifts(self) -> Array:
-        """Of heading and position, in rad^2 and m^2 a metre."""
-        return CORRELATED_PART * self.rates[..., 1:, :] * self.noise * self.noise
 
 
 def no_trust_yet(params: ConsensusParams, batch_shape: tuple[int, ...], like: Array) -> Trust:
@@ -211,7 +207,7 @@ def _average(
     params: ConsensusParams, evidence: Array, noise: Array, lessons: Array, new: Evidence
 ) -> tuple[Array, Array]:
     xp = namespace(lessons)
-    rate = xp.maximum(1 / lessons, constant(_LEARNING, lessons))
+    rate = xp.maximum(1 / lessons, _LEARNING)
     evidence = evidence + rate * (new.log_likelihood - evidence)
     # What may be error or drift counts as error here: uncertainty must not be too small.
     own = evidence[..., 1:, :]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from vioapr.fusion.consensus.params import ConsensusParams
@@ -41,11 +43,16 @@ def negative_half_gaps(points: Array) -> Array:
     """-|a - b|^2 / 2 of each two, shape (..., k, n) to (..., n, n); best near the origin."""
     xp = namespace(points)
     # a b - |a|^2/2 - |b|^2/2 as one product: one pass over the pairs.
-    halves = constant(np.full((1, points.shape[-2]), -0.5), points) @ (points * points)
+    halves = constant(_minus_half(points.shape[-2]), points) @ (points * points)
     ones = xp.ones_like(halves)
     left = xp.concat([points, halves, ones], axis=-2)
     right = xp.concat([points, ones, halves], axis=-2)
     return left.mT @ right
+
+
+@cache
+def _minus_half(count: int) -> np.ndarray:
+    return np.full((1, count), -0.5)
 
 
 def view_shares(params: ConsensusParams, votes: Votes, length_m: Array) -> Array:

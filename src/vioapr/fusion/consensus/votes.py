@@ -13,17 +13,19 @@ shape (..., 2, ...), orientation first.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
+from vioapr.fusion.consensus.columns import compare
 from vioapr.geometry.arrays import Array, constant, namespace, zeros
 
 RECENT = 3
 """The newest votes, which are kept whatever their view."""
 
-_ROTATION, _PLACE, _GAZE = slice(0, 4), slice(4, 7), slice(7, 10)
-_VIO_PLACE, _VIO_GAZE, _VIO_VIEW = slice(10, 13), slice(13, 16), slice(10, 16)
+_ROTATION, _GAZE, _PLACE = slice(0, 4), slice(4, 7), slice(13, 16)
+_VIO_GAZE, _VIO_PLACE, _VIO_VIEW = slice(7, 10), slice(10, 13), slice(7, 13)
 _ODOMETER, _STATED = slice(16, 19), slice(19, 21)
 _ROWS = 21
 
@@ -83,8 +85,7 @@ class Votes(NamedTuple):
                 older ones, or is dropped.
         """
         xp = namespace(vote)
-        is_recent = xp.arange(self.is_valid.shape[-1]) < RECENT
-        moves = is_recent | is_novel
+        moves = is_novel | (constant(_is_recent(self.is_valid.shape[-1]), vote) > 0)
         pushed = xp.concat([vote, self.rows[..., :-1]], axis=-1)
         first = xp.ones_like(self.is_valid[..., :1])
         valid = xp.concat([first, self.is_valid[..., :-1]], axis=-1)
@@ -101,28 +102,35 @@ class Votes(NamedTuple):
         leaving, kept = self.rows[..., RECENT - 1 : RECENT], self.rows[..., RECENT : RECENT + 1]
         moved = leaving[..., _VIO_VIEW, :] - kept[..., _VIO_VIEW, :]
         parts = constant(_VIEW_PARTS, moved) @ (moved * moved)
-        gap2 = parts[..., :1, :] / length_m**2 + parts[..., 1:, :] / length_rad**2
+        gap2 = parts[..., :1, :] / length_rad**2 + parts[..., 1:, :] / length_m**2
         is_valid = self.is_valid > 0
         is_first = ~is_valid[..., RECENT : RECENT + 1]
         return (is_first | (gap2 > distance**2)) & is_valid[..., RECENT - 1 : RECENT]
 
 
+@cache
+def _is_recent(count: int) -> np.ndarray:
+    return (np.arange(count) < RECENT) * 1.0
+
+
 _VIEW_PARTS = np.kron(np.eye(2), np.ones((1, 3)))
-"""Sums over position and viewing direction."""
+"""Sums over viewing direction and position."""
 
 
 def new_vote(
-    rotation: Array,
-    place_m: Array,
-    gaze: Array,
-    vio_place_m: Array,
-    vio_gaze: Array,
-    odometer: Array,
-    stated: Array,
+    apr_world_from_cam: Array, vio_from_cam: Array, odometer: Array, stated: Array
 ) -> Array:
-    """One vote, shape (..., 21, 1), of columns as `Votes` has them."""
-    parts = [rotation, place_m, gaze, vio_place_m, vio_gaze, odometer, stated]
-    return namespace(rotation).concat(parts, axis=-2)
+    """One vote, a column of `Votes.rows`, shape (..., 21, 1).
+
+    Args:
+        apr_world_from_cam: The prediction, as a column.
+        vio_from_cam: The tracker's pose, z up, as a column.
+        odometer: Its readings, shape (..., 3, 1).
+        stated: See `Votes`, shape (..., 2, 1).
+    """
+    derived = compare(apr_world_from_cam, vio_from_cam)
+    places = [vio_from_cam[..., :3, :], apr_world_from_cam[..., :3, :]]
+    return namespace(derived).concat([derived, *places, odometer, stated], axis=-2)
 
 
 def empty_votes(batch_shape: tuple[int, ...], count: int, like: Array) -> Votes:
