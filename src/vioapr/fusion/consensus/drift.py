@@ -122,8 +122,9 @@ def _bordered_covariances(samples: Samples) -> Array:
     upper = xp.concat([_error_covariance(samples), known.mT], axis=-1)
     bordered = xp.concat([upper, xp.concat([known, corner], axis=-1)], axis=-2)
     ages = xp.concat([samples.ages_m * is_valid, xp.zeros_like(known[..., :1, :7])], axis=-1)
-    drifts = constant(_RATES, bordered) * _since_later(ages)[..., None, :, :]
-    return bordered[..., None, :, :] + drifts
+    covariances = constant(_RATES, bordered) * _since_later(ages)[..., None, :, :]
+    covariances += bordered[..., None, :, :]
+    return covariances
 
 
 def _error_covariance(samples: Samples) -> Array:
@@ -131,12 +132,13 @@ def _error_covariance(samples: Samples) -> Array:
     xp = namespace(samples.values)
     is_valid, exponents = samples.is_valid, samples.exponents
     # A mixture of a smooth and a rough kernel: what regressors' errors look like.
-    smooth = xp.exp(exponents)
-    rough = xp.exp(-xp.sqrt(-2 * xp.minimum(exponents, 0.0)))
-    errors = (smooth + rough) * (0.5 * is_valid.mT * is_valid)
+    errors = xp.exp(-xp.sqrt(-2 * xp.minimum(exponents, 0.0)))
+    errors += xp.exp(exponents)
+    errors *= 0.5 * is_valid.mT * is_valid
     own = (_WHITE + samples.excess) * is_valid + (1 - is_valid)
-    identity = constant(np.eye(is_valid.shape[-1]), own)
-    return errors + identity * own + _since_later(samples.jumps * is_valid)
+    errors += constant(np.eye(is_valid.shape[-1]), own) * own
+    errors += _since_later(samples.jumps * is_valid)
+    return errors
 
 
 def _since_later(values: Array) -> Array:

@@ -99,8 +99,9 @@ def fit_position(
 def _nearness(places: Array, scale: Array) -> Array:
     """1 / (1 + (distance / scale)^2) of each two, shape (..., n, n)."""
     xp = namespace(places)
-    halves = negative_half_gaps((places - places[..., :1]) / scale)
-    return 1 / (1 - 2 * xp.minimum(halves, 0.0))
+    pairs = xp.minimum(negative_half_gaps((places - places[..., :1]) / scale), 0.0)
+    pairs -= 0.5
+    return -0.5 / pairs
 
 
 def _solve(

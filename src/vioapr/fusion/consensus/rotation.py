@@ -74,8 +74,11 @@ def fit_rotation(params: ConsensusParams, ballot: Ballot) -> tuple[Fit, Array]:
 
 def _nearness(rotations: Array, scale: Array) -> Array:
     """1 / (1 + (angle / scale)^2) of each two, up to a factor, shape (..., n, n)."""
-    cosines = rotations.mT @ rotations
-    return 1 / (1 + scale**2 / 4 - cosines * cosines)
+    pairs = rotations.mT @ rotations
+    # In place: in a batch, new memory for all pairs costs more than the arithmetic.
+    pairs *= pairs
+    pairs -= 1 + scale**2 / 4
+    return -1 / pairs
 
 
 def _upright(params: ConsensusParams, start: Array) -> tuple[Array, Array]:

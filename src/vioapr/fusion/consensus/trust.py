@@ -23,6 +23,12 @@ from vioapr.geometry.arrays import Array, compute_where, constant, namespace, ze
 _LEARNING = 0.12
 """Weight of a lesson's evidence in the running average."""
 
+_JUDGED = 20
+"""Newest votes by which the drift is judged: what that costs grows with their third power."""
+
+_MEMORY = 28
+"""Votes whose evidence the priors are weighed against."""
+
 _VIEWS_PER_LESSON = 2
 """Consecutive memories differ little: they are judged at every second new view."""
 
@@ -150,11 +156,7 @@ def learn(
     views = trust.views + xp.astype(is_view, scatter.dtype)
     lessons = xp.floor((views - 1) / _VIEWS_PER_LESSON) + 1
     is_lesson = is_view & (lessons * _VIEWS_PER_LESSON == views + _VIEWS_PER_LESSON - 1)
-    inputs = (
-        trust.evidence,
-        trust.noise,
-        lessons,
-        scatter,
+    judged = (
         xp.concat([fit.samples for fit in fits], axis=-2),
         votes.is_valid,
         votes.rows,
@@ -162,6 +164,8 @@ def learn(
         fits[0].excess + fits[1].excess,
         jumps,
     )
+    newest = (part[..., :_JUDGED] for part in judged)
+    inputs = (trust.evidence, trust.noise, lessons, scatter, *newest)
 
     def compute(*rows: Array) -> tuple[Array, ...]:
         return _learn(params, *rows)
@@ -208,7 +212,8 @@ def _average(
 ) -> tuple[Array, Array]:
     xp = namespace(lessons)
     rate = xp.maximum(1 / lessons, _LEARNING)
-    evidence = evidence + rate * (new.log_likelihood - evidence)
+    log_likelihood = _MEMORY / _JUDGED * new.log_likelihood
+    evidence = evidence + rate * (log_likelihood - evidence)
     # What may be error or drift counts as error here: uncertainty must not be too small.
     own = evidence[..., 1:, :]
     weights = xp.exp(own - xp.max(own, axis=-1, keepdims=True))
