@@ -7,7 +7,7 @@ from vioapr.fusion.consensus import columns
 from vioapr.fusion.consensus.drift import CORRELATED_PART, LOG10_RATES, Samples, weigh_drifts
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.position import fit_position
-from vioapr.fusion.consensus.robust import NEWEST, Ballot, typical_of
+from vioapr.fusion.consensus.robust import Ballot, newest, typical_of
 from vioapr.fusion.consensus.rotation import fit_rotation
 from vioapr.fusion.consensus.tracker import new_tracker
 from vioapr.fusion.consensus.views import negative_half_gaps, view_exponents, view_shares
@@ -51,9 +51,9 @@ def shares_of(votes):
 
 def fit(votes, shares):
     count = shares.shape[-1]
-    typical, newest = typical_of(np.ones((1, count))), typical_of(np.ones((1, min(count, NEWEST))))
+    typical, doubting = (typical_of(counts) for counts in (shares * 0 + 1, newest(shares) * 0 + 1))
     ballots = [
-        Ballot(votes, shares, np.ones((rows, count)), typical, newest, number(s), number(s))
+        Ballot(votes, shares, np.ones((rows, count)), typical, doubting, number(s), number(s))
         for rows, s in ((2, 0.05), (1, 0.5))
     ]
     rotation, _ = fit_rotation(PARAMS, ballots[0])

@@ -32,7 +32,7 @@ def _of_pairs(product: np.ndarray, row: int, column: int) -> np.ndarray:
 
 
 def _sandwich(vector: np.ndarray) -> np.ndarray:
-    """q v q^-1 of the products q_i q_j, shape (4, 4, 3)."""
+    """The product q v q^-1 of all q_i q_j, shape (4, 4, 3)."""
     left = quaternion.multiply(_UNITS, vector)
     return quaternion.multiply(left[:, None], quaternion.inverse(_UNITS))[..., :3]
 

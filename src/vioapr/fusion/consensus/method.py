@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 from vioapr.fusion.consensus.anchor import Anchor, drifts_of, no_anchor, variances_of
-from vioapr.fusion.consensus.columns import column, rotation_matrix, z_up_column
+from vioapr.fusion.consensus.columns import column, product, rotation_matrix, z_up_column
 from vioapr.fusion.consensus.estimate import estimate
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.position import fit_position
-from vioapr.fusion.consensus.robust import NEWEST, Ballot, total, typical_of
+from vioapr.fusion.consensus.robust import Ballot, newest, total, typical_of
 from vioapr.fusion.consensus.rotation import fit_rotation
+from vioapr.fusion.consensus.stated import Usual, nothing_usual
 from vioapr.fusion.consensus.tracker import Tracker, new_tracker
 from vioapr.fusion.consensus.trust import Trust, learn, no_trust_yet
 from vioapr.fusion.consensus.views import VIEW_RAD, view_length_m, view_shares
@@ -30,12 +32,14 @@ class ConsensusState(NamedTuple):
         tracker: Its last pose, speed and odometer.
         trust: What has been learned of noise and drift.
         anchor: The latest estimate.
+        usual: What the regressor usually states of its errors.
     """
 
     votes: Votes
     tracker: Tracker
     trust: Trust
     anchor: Anchor
+    usual: Usual
 
 
 def init(params: ConsensusParams, batch_shape: tuple[int, ...], like: Array) -> ConsensusState:
@@ -45,6 +49,7 @@ def init(params: ConsensusParams, batch_shape: tuple[int, ...], like: Array) -> 
         new_tracker(batch_shape, like),
         no_trust_yet(params, batch_shape, like),
         no_anchor(batch_shape, like),
+        nothing_usual(batch_shape, like),
     )
 
 
@@ -56,7 +61,7 @@ def step(
     state = _follow_tracker(state, frame, vio_from_cam)
     is_vote = frame.has_apr & frame.tracking_ok
     if not holds_nowhere(is_vote):
-        voted = _add_vote(params, state, column(frame.apr_world_from_cam))
+        voted = _add_vote(params, state, frame)
         state = _select_state(is_vote, voted, state)
     noise, odometer = state.trust.noise, state.tracker.odometer
     return state, estimate(state.anchor, noise, odometer, vio_from_cam, frame)
@@ -86,16 +91,19 @@ def _follow_tracker(
     )
 
 
-def _add_vote(params: ConsensusParams, state: ConsensusState, apr: Array) -> ConsensusState:
-    """Take a prediction in, world_from_cam as a column, and estimate anew."""
+def _add_vote(params: ConsensusParams, state: ConsensusState, frame: FrameInput) -> ConsensusState:
+    """Take a prediction in and estimate anew."""
+    apr = column(frame.apr_world_from_cam)
     xp = namespace(apr)
+    usual, stated = state.usual.weigh(frame, partial(_surprise, state, apr))
     trust, vio, odometer = state.trust, state.tracker.vio_from_cam, state.tracker.odometer
     length_m = view_length_m(trust.scatter[..., 1:, :])
     is_new_view = state.votes.is_novel(length_m, VIEW_RAD, _NOVELTY)
-    vote = new_vote(apr, vio, odometer, xp.ones_like(odometer[..., :2, :]))
+    vote = new_vote(apr, vio, odometer, stated)
     votes = state.votes.add(vote, is_new_view)
     ages = odometer - votes.odometer
-    ballots = _ballots(trust, votes, ages, view_shares(params, votes, length_m))
+    shares = view_shares(params, votes, length_m)
+    ballots = _ballots(trust, votes, ages, shares, usual.belief)
     rotation, is_upright = fit_rotation(params, ballots[0])
     matrix, place_m = rotation_matrix(rotation.mean), vio[..., :3, :]
     position = fit_position(params, ballots[1], matrix, place_m, rotation)
@@ -111,33 +119,41 @@ def _add_vote(params: ConsensusParams, state: ConsensusState, apr: Array) -> Con
         drifts_of(trust.rates, learned.noise),
         odometer,
     )
-    return state._replace(votes=votes, trust=learned, anchor=anchor)
+    return ConsensusState(votes, state.tracker, learned, anchor, usual)
 
 
-def _ballots(trust: Trust, votes: Votes, ages: Array, shares: Array) -> tuple[Ballot, Ballot]:
+def _surprise(state: ConsensusState, apr: Array) -> Array:
+    """Squared distances of a prediction from the carried estimate, over the noise, (..., 2, 1)."""
+    xp = namespace(apr)
+    anchor, vio = state.anchor, state.tracker.vio_from_cam
+    expected = product(anchor.world_from_vio, vio[..., 3:, :])
+    cosine = apr[..., 3:, :].mT @ expected
+    moved = apr[..., :3, :] - anchor.carry(vio[..., :3, :])
+    squares = xp.concat([4 * (1 - cosine * cosine), moved.mT @ moved], axis=-2)
+    return xp.where(anchor.is_known, squares / (state.trust.noise * state.trust.noise), 0.0)
+
+
+def _ballots(
+    trust: Trust, votes: Votes, ages: Array, shares: Array, belief: Array
+) -> tuple[Ballot, Ballot]:
     """What weighs the votes, for orientation and for position."""
     xp = namespace(shares)
     jumps = ages[..., 1:, :] / (trust.noise * trust.noise)
     fresh = votes.is_valid * xp.astype(jumps < 1, jumps.dtype)
     # Times the number of views: all votes from before a jump err together, and together they
     # must not outweigh one vote from after it.
-    steps = votes.stated + jumps * total(shares)
+    stated = 1 + belief * (votes.stated - 1)
+    steps = stated + jumps * total(shares)
     turns = xp.concat([steps[..., :1, :], steps[..., :1, :]], axis=-2)
     drifts = trust.rates * ages[..., :1, :]
-    judged, newest = typical_of(fresh), typical_of(votes.is_valid[..., :NEWEST])
+    judged, doubting = typical_of(fresh), typical_of(newest(votes.is_valid))
     bases = (turns + drifts[..., :2, :], steps[..., 1:, :] + drifts[..., 2:, :])
-    return tuple(
-        Ballot(
-            votes,
-            shares,
-            bases[i],
-            judged.row(i),
-            newest,
-            trust.scatter[..., i : i + 1, :],
-            trust.noise[..., i : i + 1, :],
-        )
-        for i in range(2)
-    )
+
+    def ballot(row: int) -> Ballot:
+        own = (part[..., row : row + 1, :] for part in (trust.scatter, trust.noise))
+        return Ballot(votes, shares, bases[row], judged.row(row), doubting, *own)
+
+    return ballot(0), ballot(1)
 
 
 METHOD = Method(

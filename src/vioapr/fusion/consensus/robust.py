@@ -18,7 +18,7 @@ _GATE = 4.0
 _MEDIAN_CHI2 = 2.366
 """Median of the chi-squared distribution with three degrees of freedom."""
 
-NEWEST = 7
+_NEWEST = 7
 """Votes whose common disagreement with the mean raises doubt."""
 
 _FEW = 5
@@ -47,6 +47,11 @@ class Fit(NamedTuple):
     distrust: Array
     excess: Array
     doubt: Array
+
+
+def newest(values: Array) -> Array:
+    """Of the votes whose common disagreement with the mean raises doubt, shape (..., k, m)."""
+    return values[..., : min(_NEWEST, values.shape[-1])]
 
 
 class Typical(NamedTuple):
@@ -142,7 +147,7 @@ class Ballot(NamedTuple):
         excess = xp.maximum(outlying, 0.0)
         # Most of the newest votes are farther off than usual, as when the camera is covered:
         # either they are wrong, or the mean is.
-        usual = self.newest.median(squares[..., :NEWEST]) / 3
+        usual = self.newest.median(newest(squares)) / 3
         doubt = usual - _GATE * self.noise * self.noise
         doubt = xp.maximum(doubt, 0.0)
         return Fit(mean, samples, independent, xp.sqrt(scatter2), distrust, excess, doubt)

@@ -11,6 +11,8 @@ rotation vector, for all angles that count.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from vioapr.fusion.consensus.params import ConsensusParams
@@ -90,7 +92,7 @@ def _upright(params: ConsensusParams, start: Array) -> tuple[Array, Array]:
     upright = heading / xp.maximum(cosine, 1e-6)
     if params.gravity == "known":
         return upright, cosine >= 0
-    is_upright = cosine > np.cos(_UPRIGHT_RAD / 2)
+    is_upright = cosine > math.cos(_UPRIGHT_RAD / 2)
     if params.gravity == "none":
         is_upright = cosine < 0
     return xp.where(is_upright, upright, start), is_upright

@@ -26,9 +26,6 @@ _LEARNING = 0.12
 _JUDGED = 20
 """Newest votes by which the drift is judged: what that costs grows with their third power."""
 
-_MEMORY = 28
-"""Votes whose evidence the priors are weighed against."""
-
 _VIEWS_PER_LESSON = 2
 """Consecutive memories differ little: they are judged at every second new view."""
 
@@ -164,11 +161,13 @@ def learn(
         fits[0].excess + fits[1].excess,
         jumps,
     )
-    newest = (part[..., :_JUDGED] for part in judged)
+    count = votes.is_valid.shape[-1]
+    newest = (part[..., : min(_JUDGED, count)] for part in judged)
     inputs = (trust.evidence, trust.noise, lessons, scatter, *newest)
 
     def compute(*rows: Array) -> tuple[Array, ...]:
-        return _learn(params, *rows)
+        # The priors are weighed against the evidence of the whole memory.
+        return _learn(params, max(count / _JUDGED, 1.0), *rows)
 
     evidence, noise = compute_where(is_lesson[..., 0, 0], compute, inputs, inputs[:2])
     rates = _likeliest_rates(params, evidence, is_upright)
@@ -181,6 +180,7 @@ _CHANNEL_SCATTER = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 def _learn(
     params: ConsensusParams,
+    emphasis: float,
     evidence: Array,
     noise: Array,
     lessons: Array,
@@ -204,6 +204,7 @@ def _learn(
         jumps,
     )
     new = weigh_drifts(samples, constant(_CHANNEL_SCATTER, scatter) @ scatter)
+    new = new._replace(log_likelihood=emphasis * new.log_likelihood)
     return _average(params, evidence, noise, lessons, new)
 
 
@@ -211,9 +212,8 @@ def _average(
     params: ConsensusParams, evidence: Array, noise: Array, lessons: Array, new: Evidence
 ) -> tuple[Array, Array]:
     xp = namespace(lessons)
-    rate = xp.maximum(1 / lessons, _LEARNING)
-    log_likelihood = _MEMORY / _JUDGED * new.log_likelihood
-    evidence = evidence + rate * (log_likelihood - evidence)
+    rate = xp.maximum(1 / xp.maximum(lessons, 1.0), _LEARNING)
+    evidence = evidence + rate * (new.log_likelihood - evidence)
     # What may be error or drift counts as error here: uncertainty must not be too small.
     own = evidence[..., 1:, :]
     weights = xp.exp(own - xp.max(own, axis=-1, keepdims=True))
