@@ -76,7 +76,7 @@ class Usual(NamedTuple):
         ratio = xp.exp(xp.minimum(xp.maximum(2 * (log_sigma - usual), limits[0]), limits[1]))
         ratio = xp.where(is_known, ratio, 1.0)
         evidence = _RECALL * self.evidence + _gain(ratio, surprise())
-        return Usual(usual, count, evidence), ratio
+        return Usual(usual, count, xp.where(is_known, evidence, self.evidence)), ratio
 
 
 def _gain(ratio: Array, squared: Array) -> Array:

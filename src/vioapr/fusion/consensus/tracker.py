@@ -91,7 +91,8 @@ def _step_sizes(difference: Array, moves: Array) -> tuple[Array, Array]:
     # Of the two quaternions of a rotation, the nearer one: |p + q|^2 = 4 - |p - q|^2.
     chord2 = xp.minimum(squares[..., 1:, :], 4 - squares[..., 1:, :])
     chord2 = xp.maximum(chord2, 0.0)
-    return xp.sqrt(squares[..., :1, :]), 4 * xp.asin(0.5 * xp.sqrt(chord2))
+    # Four times the arc sine of half the chord; not all of a phone's runtimes have that.
+    return xp.sqrt(squares[..., :1, :]), 4 * xp.atan(xp.sqrt(chord2 / (4 - chord2)))
 
 
 def _usual_speed(speed_m_s: Array, seconds: Array, way_m: Array) -> Array:

@@ -42,6 +42,9 @@ def view_exponents(
 def negative_half_gaps(points: Array) -> Array:
     """-|a - b|^2 / 2 of each two, shape (..., k, n) to (..., n, n); best near the origin."""
     xp = namespace(points)
+    if points.dtype != xp.float64:  # the product below would cancel half of the few digits
+        gaps = points[..., :, None] - points[..., None, :]
+        return -0.5 * xp.sum(gaps * gaps, axis=-3)
     # a b - |a|^2/2 - |b|^2/2 as one product: one pass over the pairs.
     halves = constant(_minus_half(points.shape[-2]), points) @ (points * points)
     ones = xp.ones_like(halves)
