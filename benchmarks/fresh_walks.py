@@ -43,6 +43,7 @@ ADVIO_WALKS = ("02", "03", "05", "12", "13", "18", "22")
 BLOCK = 20
 """Consecutive predictions whose errors are put onto another walk together."""
 REGRESSORS = {"posenet": "pn", "mst": "mst", "dfnet": "dfnet"}
+_PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 NAMES = ("raw", "vio-apr keyframes + optimized", "vio-apr all", "consensus")
 
 
@@ -89,7 +90,7 @@ def _upright_from_table(folder: Path, table: NDArray) -> Rigid3:
 
 
 def _column(rows: NDArray, name: str, world: Rigid3 | None = None) -> Trajectory:
-    values = np.stack([rows[f"{name}_{part}"] for part in "x y z qx qy qz qw".split()], axis=-1)
+    values = np.stack([rows[f"{name}_{part}"] for part in _PARTS], axis=-1)
     known = np.isfinite(values).all(axis=-1)
     quats = values[known, 3:] / np.linalg.norm(values[known, 3:], axis=-1, keepdims=True)
     poses = Rigid3(values[known, :3], quats)

@@ -31,7 +31,7 @@ SIGMAS = (
 
 
 def make_frames() -> list[dict[str, Any]]:
-    """Inputs: frames without predictions or stated errors, a tracker that is lost twice and reset once."""
+    """Inputs: some frames lack predictions or stated errors; a tracker lost twice, reset once."""
     walk = simulate_walk(WalkParams(duration_s=FRAMES / 2, extent_m=12), seed=11)
     frames = []
     for row, time_s in enumerate(walk.gt.timestamps_s):
