@@ -8,6 +8,7 @@ from vioapr.fusion.consensus.drift import CORRELATED_PART, LOG10_RATES, Samples,
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.position import fit_position
 from vioapr.fusion.consensus.robust import Ballot, newest, typical_of
+from vioapr.fusion.consensus.rotation import _nearness as rotation_nearness
 from vioapr.fusion.consensus.rotation import fit_rotation
 from vioapr.fusion.consensus.tracker import new_tracker
 from vioapr.fusion.consensus.views import negative_half_gaps, view_exponents, view_shares
@@ -239,3 +240,19 @@ def test_the_odometer_counts_turns_and_takes_the_shorter_way_round():
 def test_the_usual_speed_follows_slowly_and_not_at_all_without_time():
     np.testing.assert_allclose(follow((1.0, 0.0)).speed_m_s, 0.9 * 1 + 0.1 * 2)
     np.testing.assert_allclose(follow().speed_m_s, 1.0)
+
+
+def test_pairs_in_single_precision_keep_their_digits():
+    # Graphs on phones compute so: what cancels would let them start from other votes.
+    rng = np.random.default_rng(0)
+    points = (np.array([[60.0], [20.0], [1.0]]) + 0.02 * rng.normal(size=(3, 28))).astype("f4")
+    exact = negative_half_gaps(points.astype(float))
+    assert negative_half_gaps(points).dtype == np.float32
+    np.testing.assert_allclose(negative_half_gaps(points), exact, rtol=1e-5)
+    quats = quaternion.from_rotvec([1.0, 0.5, 2.0] + 0.02 * rng.normal(size=(28, 3)))
+    signs = rng.choice([-1.0, 1.0], size=28)  # both mean the same rotation
+    rotations, scale = (quats * signs[:, None]).T, number(0.01)
+    exact = rotation_nearness(rotations, scale)
+    found = rotation_nearness(rotations.astype("f4"), scale.astype("f4"))
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, exact, rtol=1e-4)

@@ -25,6 +25,7 @@ from vioapr.fusion.consensus.robust import (
     squared_length,
     total,
 )
+from vioapr.geometry import quaternion
 from vioapr.geometry.arrays import Array, constant, namespace
 
 _UPRIGHT_RAD = 0.35
@@ -76,11 +77,32 @@ def fit_rotation(params: ConsensusParams, ballot: Ballot) -> tuple[Fit, Array]:
 
 def _nearness(rotations: Array, scale: Array) -> Array:
     """1 / (1 + (angle / scale)^2) of each two, up to a factor, shape (..., n, n)."""
+    xp = namespace(rotations)
+    if rotations.dtype != xp.float64:  # 1 - cosine^2 would cancel most of the few digits
+        turns = _half_turns(rotations)
+        return 1 / (xp.sum(turns * turns, axis=-3) + scale**2 / 4)
     pairs = rotations.mT @ rotations
     # In place: in a batch, new memory for all pairs costs more than the arithmetic.
     pairs *= pairs
     pairs -= 1 + scale**2 / 4
     return -1 / pairs
+
+
+def _half_turns(rotations: Array) -> Array:
+    """Imaginary parts of p^-1 q for each two, shape (..., 4, n) to (..., 3, n, n)."""
+    right = constant(_IMAGINARY, rotations) @ rotations
+    shape = (*right.shape[:-2], 3, 4, right.shape[-1])
+    return rotations.mT[..., None, :, :] @ namespace(right).reshape(right, shape)
+
+
+def _imaginary() -> np.ndarray:
+    """Rows k, i: what of q makes component k of p^-1 q from component i of p, shape (12, 4)."""
+    units = np.eye(4)
+    products = quaternion.multiply(quaternion.inverse(units)[:, None], units)
+    return np.moveaxis(products[..., :3], -1, 0).reshape(12, 4)
+
+
+_IMAGINARY = _imaginary()
 
 
 def _upright(params: ConsensusParams, start: Array) -> tuple[Array, Array]:
