@@ -44,7 +44,7 @@ BLOCK = 20
 """Consecutive predictions whose errors are put onto another walk together."""
 REGRESSORS = {"posenet": "pn", "mst": "mst", "dfnet": "dfnet"}
 _PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-NAMES = ("raw", "vio-apr keyframes + optimized", "vio-apr all", "consensus")
+NAMES = ("raw", "vio-apr keyframes + optimized", "raw on these", "vio-apr all", "consensus")
 
 
 def make_case(key: tuple[str, str, str, str], apr: Trajectory, vio: Trajectory, gt: Trajectory):
@@ -148,21 +148,16 @@ def all_cases(data: Path, seed: int, draws: int) -> list[Case]:
 
 
 def figures_of_vio_apr(result: Result) -> list[list[float]]:
-    """Raw, its keyframes with optimized frames, and all frames with raw poses before its first."""
+    """Raw, keyframes + optimized, raw on these, all frames with raw poses before the first."""
     errors, raw = (
         np.stack([e.position_m, e.orientation_deg]) for e in (result.errors, result.raw_errors)
     )
     counts = np.isfinite(raw[0]) & (result.case.frames.inputs.tracking_ok[result.case.has_gt])
     chosen = result.has_status(Status.KEYFRAME, Status.OPTIMIZED) & counts
     everywhere = np.where(np.isfinite(errors), errors, raw)
-    share = [float(chosen.sum() / counts.sum())]
     return [
-        [*figures_of((part[0], part[1])), *extra]
-        for part, extra in (
-            (raw[:, counts], [1.0]),
-            (errors[:, chosen], share) if chosen.any() else (np.full((2, 1), np.inf), share),
-            (everywhere[:, counts], [1.0]),
-        )
+        [*figures_of((part[0, rows], part[1, rows])), float(rows.sum() / counts.sum())]
+        for part, rows in ((raw, counts), (errors, chosen), (raw, chosen), (everywhere, counts))
     ]
 
 
