@@ -238,9 +238,9 @@ def endless_frames(walk: FrameInput) -> Iterator[FrameInput]:
 def measure_memory(config: Config, walk: FrameInput) -> dict[str, list[dict[str, float]]]:
     """State and process memory after ever longer walks, and the time of the last frames."""
     lean = PoseGraphParams(sigmas=False, updates=1)
-    default = get_method("vio-apr").params_type()
+    ours = ("vio-apr", "consensus")
     jobs = {
-        "vio-apr": (default, config.memory_frames),
+        **{name: (get_method(name).params_type(), config.memory_frames) for name in ours},
         "pose-graph": (lean, config.isam2_memory_frames),
     }
     return {

@@ -63,7 +63,7 @@ def compare(method: str, frames: int) -> dict[str, Any]:
     events = draw_events(frames)
     exported = run_file(exporter.export().content, walk, events)
     eager = run_eager(exporter, walk, events)
-    inputs = numpy_inputs(walk, events, exported["apr"])
+    inputs = numpy_inputs(walk, events, exported)
     streamed = run_numpy(method, inputs)
     batched = run_batch(method, inputs)
     counts = {s.label: int((exported["status"] == s).sum()) for s in Status}
@@ -113,6 +113,8 @@ def run_file(content: bytes, walk: SimulatedWalk, events: dict[str, np.ndarray])
         "status": np.array([int(one.status) for one in answers]),
         "pose": rigid.stack([one.world_from_cam for one in answers]),
         "apr": rigid.stack([one.apr_world_from_cam for one in answers]),
+        "apr_sigma_m": np.array([one.apr_sigma_position_m for one in answers]),
+        "apr_sigma_deg": np.array([one.apr_sigma_orientation_deg for one in answers]),
     }
 
 
@@ -141,8 +143,9 @@ def run_eager(exporter: Exporter, walk: SimulatedWalk, events: dict[str, np.ndar
     return {"status": np.array(statuses), "pose": Rigid3(flat[:, :3], flat[:, 3:])}
 
 
-def numpy_inputs(walk: SimulatedWalk, events: dict[str, np.ndarray], apr: Rigid3) -> FrameInput:
+def numpy_inputs(walk: SimulatedWalk, events: dict[str, np.ndarray], found: dict) -> FrameInput:
     """What the graph took in, with its own predictions."""
+    apr = found["apr"]
     has_apr = np.isfinite(apr.translation_m[:, 0])
     identity = Rigid3.identity(has_apr.shape)
     vio = Rigid3(
@@ -155,6 +158,8 @@ def numpy_inputs(walk: SimulatedWalk, events: dict[str, np.ndarray], apr: Rigid3
         vio,
         events["tracking_ok"],
         events["tracking_reset"],
+        found["apr_sigma_m"],
+        np.deg2rad(found["apr_sigma_deg"]),
     )
 
 
@@ -171,6 +176,8 @@ def run_numpy(method: str, inputs: FrameInput) -> dict:
                 frame.vio_from_cam,
                 bool(frame.tracking_ok),
                 tracking_reset=bool(frame.tracking_reset),
+                apr_sigma_m=float(frame.apr_sigma_m),
+                apr_sigma_deg=float(np.rad2deg(frame.apr_sigma_rad)),
             )
         )
     return {

@@ -30,6 +30,8 @@ def convert_frames(frames: FrameInput, xp: Any) -> FrameInput:
         *(
             Rigid3(*(xp.asarray(part) for part in value))
             if isinstance(value, Rigid3)
+            else None
+            if value is None
             else xp.asarray(value)
             for value in frames
         )

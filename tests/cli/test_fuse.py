@@ -143,3 +143,29 @@ def test_walks_that_do_not_meet(fails, files, tmp_path):
 
 def test_required_options_are_named(fails):
     assert fails("fuse", "--out", "x").startswith("missing --apr, --vio (see")
+
+
+def write_sigmas(path, walk_dir, rng):
+    times = read_trajectory(walk_dir / "apr_net.tum").timestamps_s
+    drawn = rng.uniform(1, 9, (len(times), 2))
+    rows = [f"{time},{m},{deg}" for time, (m, deg) in zip(times, drawn, strict=True)]
+    path.write_text("\n".join(["timestamp_s,sigma_position_m,sigma_orientation_deg", *rows]) + "\n")
+
+
+def test_what_the_regressor_states_is_used_found_or_named(run, files, tmp_path, walk_dir, rng):
+    plain, named, found = (tmp_path / f"{name}.csv" for name in ("plain", "named", "found"))
+    sigmas = tmp_path / "apr_net.sigma.csv"
+    run("fuse", *files, "--out", plain)
+    write_sigmas(sigmas, walk_dir, rng)
+    code, _, err = run("fuse", *files, "--apr-sigma", sigmas, "--out", named)
+    assert code == 0, err
+    (tmp_path / "apr_net.tum").write_bytes((walk_dir / "apr_net.tum").read_bytes())
+    run("fuse", "--apr", tmp_path / "apr_net.tum", *files[2:], "--out", found)
+    assert named.read_text() == found.read_text() != plain.read_text()
+
+
+def test_a_bad_table_of_sigmas_is_refused(fails, files, tmp_path):
+    sigmas = tmp_path / "s.csv"
+    sigmas.write_text("timestamp_s,sigma_m\n1,1\n")
+    line = fails("fuse", *files, "--apr-sigma", sigmas, "--out", tmp_path / "f.csv")
+    assert "expected a header with the columns sigma_position_m, sigma_orientation_deg" in line

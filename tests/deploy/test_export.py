@@ -64,6 +64,8 @@ def test_the_file_equals_eager_pytorch_and_the_numpy_localizer(name, model_of, e
             vio_pose(walk, row),
             bool(feed["tracking_ok"][0]),
             tracking_reset=bool(feed["tracking_reset"][0]),
+            apr_sigma_m=float(found["apr_sigma_position_m"][0]),
+            apr_sigma_deg=float(found["apr_sigma_orientation_deg"][0]),
         )
         assert found["status"][0] == expected["status"][0] == estimate.status
         pose = np.concatenate([*estimate.world_from_cam])
@@ -115,8 +117,8 @@ def test_the_contract_is_complete(name, model_of, exporter_of):
     assert offsets[-1] == contract.state_size
 
 
-def test_the_split_pair_equals_the_whole(model_of, exporter_of, tmp_path, walk):
-    name = "vio-apr"
+@pytest.mark.parametrize("name", EXPORTED)
+def test_the_split_pair_equals_the_whole(name, model_of, exporter_of, tmp_path, walk):
     whole, contract = open_session(model_of(name))
     sessions = []
     for part, exported in zip(("apr", "fusion"), exporter_of(name).export_split(), strict=True):
@@ -129,7 +131,8 @@ def test_the_split_pair_equals_the_whole(model_of, exporter_of, tmp_path, walk):
         feed = feed_of(row, image, walk, contract) | {"state": state}
         expected = dict(zip(contract.output_names, whole.run(None, feed), strict=True))
         raw = apr.run(None, {name: feed[name] for name in ("image", "has_image")})
-        feed["apr_world_from_cam"], feed["has_apr"] = raw[0], feed["has_image"]
+        feed |= dict(zip(apr_contract.output_names, raw, strict=True))
+        feed["has_apr"] = feed["has_image"]
         fused = fusion.run(None, {spec.name: feed[spec.name] for spec in fusion_contract.inputs})
         found = dict(zip(apr_contract.output_names, raw, strict=True))
         found |= dict(zip(fusion_contract.output_names, fused, strict=True))

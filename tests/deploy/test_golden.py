@@ -25,8 +25,9 @@ def maker():
 
 
 def feed_of(inputs, param_values):
-    unknown = [0.0] * 6 + [1.0]
-    feed = {k: [v] if isinstance(v, int | float) else v or unknown for k, v in inputs.items()}
+    unknown = {name: [np.nan] for name in inputs if "sigma" in name}
+    unknown |= dict.fromkeys(("apr_world_from_cam", "vio_from_cam"), [0.0] * 6 + [1.0])
+    feed = {k: unknown[k] if v is None else np.reshape(v, -1) for k, v in inputs.items()}
     if param_values:
         feed["params"] = param_values
     return {k: np.array(v, dtype=np.float32) for k, v in feed.items()}

@@ -25,12 +25,13 @@ def flat(pose):
     return np.concatenate([*pose]).astype(np.float32)
 
 
-def run(graph, apr, has_apr, vio, time_s, is_ok, is_reset, state):
+def run(graph, apr, has_apr, vio, time_s, is_ok, is_reset, state, sigmas=(np.nan, np.nan)):
     one = torch.ones(1)
     params = [float(getattr(graph.params, name)) for name in graph.param_names]
     with torch.no_grad():
         return graph(
             torch.from_numpy(apr),
+            *(one * sigma for sigma in sigmas),
             one * has_apr,
             torch.from_numpy(vio),
             one * time_s,
@@ -48,9 +49,10 @@ def test_it_equals_the_numpy_localizer(name, walk):
     seen = set()
     for row, time_s in enumerate(walk.gt.timestamps_s):
         has_apr, is_ok, is_reset = events(row)
+        sigmas = (0.5 + row % 3, 1.0 + row % 4) if row % 5 else (np.nan, np.nan)
         apr = flat(walk.apr.target_from_source.at(row))
         vio = flat(vio_pose(walk, row))
-        outputs = run(graph, apr, has_apr, vio, time_s, is_ok, is_reset, state)
+        outputs = run(graph, apr, has_apr, vio, time_s, is_ok, is_reset, state, sigmas)
         state = outputs["next_state"]
         estimate = localizer.update(
             time_s,
@@ -58,6 +60,8 @@ def test_it_equals_the_numpy_localizer(name, walk):
             Rigid3(vio[:3], vio[3:]),
             is_ok,
             tracking_reset=is_reset,
+            apr_sigma_m=sigmas[0] if row % 5 else None,
+            apr_sigma_deg=sigmas[1] if row % 5 else None,
         )
         assert int(outputs["status"]) == estimate.status
         assert int(outputs["confirmed_run"]) == estimate.confirmed_run
@@ -112,7 +116,8 @@ def test_the_papers_parameters_are_inputs():
         for pairs, state in states.items():
             params = torch.tensor([0.4, 4.0, float(pairs), 8.0])
             flag, pose = torch.ones(1), torch.from_numpy(IDENTITY)
-            outputs = graph(pose, flag, pose, flag * row, flag, flag * 0, state, params)
+            apr = (pose, flag, flag, flag)
+            outputs = graph(*apr, pose, flag * row, flag, flag * 0, state, params)
             states[pairs] = outputs["next_state"]
             statuses[pairs].append(int(outputs["status"]))
     assert statuses[2] == [0, 0, 2, 2, 2, 2]

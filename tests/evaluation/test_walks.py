@@ -84,3 +84,22 @@ def test_walks_whose_times_do_not_meet_name_the_files(walks_dir, tmp_path):
     )
     with pytest.raises(AssociationError, match="apr_late.tum and vio_sim0.tum: no prediction"):
         load_cases(find_walks([tmp_path]))
+
+
+def test_what_a_regressor_states_is_read_with_its_predictions(walks_dir, tmp_path):
+    source, walk = walks_dir / "SetB" / "walk1", tmp_path / "set" / "walk"
+    walk.mkdir(parents=True)
+    for file in source.iterdir():
+        (walk / file.name).write_bytes(file.read_bytes())
+    header = "timestamp_s,sigma_position_m,sigma_orientation_deg"
+    (walk / "apr_good.sigma.csv").write_text(f"{header}\n1.0,0.5,90\n")
+    cases = {case.apr: case.frames.inputs for case in load_cases(find_walks([tmp_path]))}
+    assert cases["bad"].apr_sigma_m is None
+    stated = cases["good"]
+    row = np.flatnonzero(stated.timestamp_s == 1.0)
+    assert stated.apr_sigma_m[row] == 0.5
+    np.testing.assert_allclose(stated.apr_sigma_rad[row], np.pi / 2)
+    assert np.isnan(np.delete(stated.apr_sigma_m, row)).all()
+    (walk / "apr_good.sigma.csv").write_text(f"{header}\n1.0,-0.5,90\n")
+    with pytest.raises(FormatError, match=r"apr_good.sigma.csv:2: expected a sigma_position_m"):
+        load_cases(find_walks([tmp_path]))

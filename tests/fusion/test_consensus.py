@@ -189,9 +189,10 @@ def test_every_part_can_be_switched_off(walk, estimates, switch):
     )
 
 
+@pytest.mark.parametrize("backend", ["array_api_compat.torch", "array_api_strict"])
 @pytest.mark.parametrize("batch", [(), (1,), (3, 4)])
-def test_batches_and_backends_agree(batch):
-    torch = pytest.importorskip("array_api_compat.torch", reason="PyTorch is not installed")
+def test_batches_and_backends_agree(batch, backend):
+    xp = pytest.importorskip(backend, reason="the backend is not installed")
     walks = [simulate_walk(WalkParams(duration_s=15), seed) for seed in range(int(np.prod(batch)))]
     alone = [frames_of(walk) for walk in walks]
 
@@ -203,11 +204,11 @@ def test_batches_and_backends_agree(batch):
             Rigid3(*(stack([v[i] for v in column]) for i in range(2)))
             if isinstance(column[0], Rigid3)
             else stack(column)
-            for column in zip(*alone, strict=True)
+            for column in list(zip(*alone, strict=True))[:6]
         )
     )
     numpy = run_steps(consensus.METHOD, SMALL, frames)
-    other = run_steps(consensus.METHOD, SMALL, convert_frames(frames, torch))
+    other = run_steps(consensus.METHOD, SMALL, convert_frames(frames, xp))
     np.testing.assert_array_equal(numpy.status, to_numpy(other.status))
     for ours, theirs in zip(numpy.world_from_cam, other.world_from_cam, strict=True):
         np.testing.assert_allclose(ours, to_numpy(theirs), atol=1e-9)

@@ -106,7 +106,7 @@ def test_batch_shapes(backend, batch):
         return array.reshape(FRAMES, *batch, *array.shape[2:])
 
     shaped = FrameInput(
-        *(Rigid3(*map(reshape, v)) if isinstance(v, Rigid3) else reshape(v) for v in frames)
+        *(Rigid3(*map(reshape, v)) if isinstance(v, Rigid3) else reshape(v) for v in frames[:6])
     )
     estimates = run_steps(vio_apr.METHOD, params, convert_frames(shaped, xp))
     assert tuple(estimates.status.shape) == (FRAMES, *batch)

@@ -15,8 +15,9 @@ import numpy as np
 
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.types import Estimate
+from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.recording.simulated_walk import SimulatedWalk, WalkParams, simulate_walk
 
 FOLDER = Path(__file__).parent
 METHODS = ("vio-apr", "consensus")
@@ -30,7 +31,7 @@ SIGMAS = (
 
 
 def make_frames() -> list[dict[str, Any]]:
-    """Inputs: frames without predictions, a tracker that is lost twice and reset once."""
+    """Inputs: some frames lack predictions or stated errors; a tracker lost twice, reset once."""
     walk = simulate_walk(WalkParams(duration_s=FRAMES / 2, extent_m=12), seed=11)
     frames = []
     for row, time_s in enumerate(walk.gt.timestamps_s):
@@ -38,11 +39,14 @@ def make_frames() -> list[dict[str, Any]]:
             np.concatenate([track.positions_m[row], track.quats_xyzw[row]])
             for track in (walk.apr, walk.vio)
         )
+        stated = stated_sigmas(row, walk) if row % 5 else (None, None)
         has_apr, is_ok = row >= 2 and row % 6 != 4, row not in (24, 25, 26, 47)
         frames.append(
             {
                 "timestamp_s": float(np.float32(time_s)),
                 "apr_world_from_cam": _numbers(apr) if has_apr else None,
+                "apr_sigma_position_m": stated[0] if has_apr else None,
+                "apr_sigma_orientation_deg": stated[1] if has_apr else None,
                 "has_apr": int(has_apr),
                 "vio_from_cam": _numbers(vio) if is_ok else None,
                 "tracking_ok": int(is_ok),
@@ -50,6 +54,13 @@ def make_frames() -> list[dict[str, Any]]:
             }
         )
     return frames
+
+
+def stated_sigmas(row: int, walk: SimulatedWalk) -> list[float]:
+    """What a regressor that knows its errors' sizes roughly would state, in m and deg."""
+    gt, apr = (track.target_from_source.at(row) for track in (walk.gt, walk.apr))
+    errors = np.array([rigid.distance_m(gt, apr), rigid.angle_deg(gt, apr)])
+    return _numbers((0.5 + errors) * np.random.default_rng(row).lognormal(0, 0.3, 2))
 
 
 def answer(method: str, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -63,6 +74,8 @@ def answer(method: str, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 _pose(frame["vio_from_cam"]),
                 bool(frame["tracking_ok"]),
                 tracking_reset=bool(frame["tracking_reset"]),
+                apr_sigma_m=frame["apr_sigma_position_m"],
+                apr_sigma_deg=frame["apr_sigma_orientation_deg"],
             )
         )
         for frame in frames

@@ -13,6 +13,7 @@ from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.formats import tum
 from vioapr.formats.base import write_text
 from vioapr.formats.registry import read_trajectory
+from vioapr.formats.sigma import path_beside, read_sigmas
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import FusedWalk, View, fuse_walk
 from vioapr.fusion.pairing import pair_frames
@@ -32,6 +33,7 @@ def fuse(
     tolerance_s: float = DEFAULT_TOLERANCE_S,
     apr_format: str | None = None,
     vio_format: str | None = None,
+    apr_sigma: Path | None = None,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
 ) -> None:
     """Fuse a walk's predicted poses with its tracked ones into a robust pose for every frame.
@@ -54,11 +56,17 @@ def fuse(
         tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
         apr_format: Format of the predictions, if it is not recognized.
         vio_format: Format of the VIO poses, if it is not recognized.
+        apr_sigma: What the regressor states of each prediction's error, a CSV with columns
+            timestamp_s,sigma_position_m,sigma_orientation_deg (default: the file beside the
+            predictions whose name ends in .sigma.csv instead, if there is one).
         params: Parameters of the methods.
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
+    predictions = read_trajectory(apr, apr_format)
+    sigma_path = apr_sigma or path_beside(apr)
+    stated = None if sigma_path is None else read_sigmas(sigma_path, predictions)
     frames = pair_frames(
-        read_trajectory(apr, apr_format), read_trajectory(vio, vio_format), tolerance_s
+        predictions, read_trajectory(vio, vio_format), tolerance_s, apr_sigmas=stated
     )
     run = smooth_walk if offline else fuse_walk
     passes = 2 if offline else 1

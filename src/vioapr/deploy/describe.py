@@ -56,7 +56,7 @@ def describe_apr(preprocess: Preprocessor, facts: Mapping[str, Any]) -> Contract
 
 def describe_fusion(fusion: FusionGraph, outputs: tuple[str, ...], **facts: Any) -> Contract:
     """Of the fusion step alone, the second of a split pair."""
-    inputs = (_APR, _HAS_APR, *_FRAME, *_state_inputs(fusion))
+    inputs = (*_APR_OUTPUTS, _HAS_APR, *_FRAME, *_state_inputs(fusion))
     return Contract("fusion", inputs, _fused(fusion, outputs), **_method(fusion), **facts)
 
 

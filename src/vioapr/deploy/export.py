@@ -165,6 +165,8 @@ def example_inputs(fusion: FusionGraph) -> dict[str, Tensor]:
     identity = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     inputs = {
         "apr_world_from_cam": identity,
+        "apr_sigma_position_m": torch.ones(1),
+        "apr_sigma_orientation_deg": torch.ones(1),
         "has_apr": torch.ones(1),
         "vio_from_cam": identity.clone(),
         "timestamp_s": torch.ones(1),

@@ -106,6 +106,8 @@ class FusionGraph(nn.Module):
     def forward(
         self,
         apr_world_from_cam: Tensor,
+        apr_sigma_position_m: Tensor,
+        apr_sigma_orientation_deg: Tensor,
         has_apr: Tensor,
         vio_from_cam: Tensor,
         timestamp_s: Tensor,
@@ -117,7 +119,16 @@ class FusionGraph(nn.Module):
         """One frame; see docs/contract.md for the tensors."""
         apr, is_predicted = _read_pose(apr_world_from_cam, has_apr)
         vio, is_tracked = _read_pose(vio_from_cam, tracking_ok)
-        frame = FrameInput(timestamp_s, apr, is_predicted, vio, is_tracked, tracking_reset > 0.5)
+        frame = FrameInput(
+            timestamp_s,
+            apr,
+            is_predicted,
+            vio,
+            is_tracked,
+            tracking_reset > 0.5,
+            apr_sigma_position_m,
+            apr_sigma_orientation_deg * (math.pi / 180),
+        )
         with PortableFunctions():
             after, estimate = self.method.step(self._params(params), self._unpack(state), frame)
         return self._outputs(after, estimate)
@@ -191,7 +202,7 @@ class LocalizerGraph(nn.Module):
         """One frame; see docs/contract.md for the tensors."""
         apr = self.network(self.preprocess(image), has_image)
         fused = self.fusion(
-            apr.apr_world_from_cam,
+            *apr,
             has_image,
             vio_from_cam,
             timestamp_s,

@@ -149,6 +149,9 @@ class LocalizedWalk:
         """The regressor's answers and the tracker's poses, to be fused by other methods."""
         frames = self.frames
         apr = rigid.stack([one.apr_world_from_cam for one in self.located])
+        sigma_m, sigma_deg = map(
+            self._column, ("apr_sigma_position_m", "apr_sigma_orientation_deg")
+        )
         has_apr = np.isfinite(apr.translation_m[:, 0])
         return PairedFrames(
             FrameInput(
@@ -158,6 +161,8 @@ class LocalizedWalk:
                 _known(frames.vio_from_cam, frames.has_pose),
                 frames.has_pose,
                 frames.tracking_reset,
+                sigma_m,
+                np.deg2rad(sigma_deg),
             )
         )
 

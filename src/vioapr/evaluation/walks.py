@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError, ParameterError, VioAprError
 from vioapr.formats.registry import read_trajectory
+from vioapr.formats.sigma import Sigmas, path_beside, read_sigmas
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, poses_of_frames
@@ -26,7 +27,8 @@ class WalkFolder:
         walk: Name of the walk's folder.
         gt: The file `gt.*`.
         vios: The files `vio_<name>.*`, by name.
-        aprs: The files `apr_<name>.*`, by name.
+        aprs: The files `apr_<name>.*`, by name; what a regressor states of its errors is read
+            from `apr_<name>.sigma.csv` beside them.
     """
 
     set_name: str
@@ -155,10 +157,11 @@ def load_cases(
         gt = read_trajectory(walk.gt)
         vios = {name: read_trajectory(path) for name, path in walk.vios.items()}
         aprs = {name: read_trajectory(path) for name, path in walk.aprs.items()}
+        sigmas = {name: _read_sigmas(path, aprs[name]) for name, path in walk.aprs.items()}
         for vio_name, vio in vios.items():
             for apr_name, apr in aprs.items():
                 try:
-                    frames = pair_frames(apr, vio, tolerance_s)
+                    frames = pair_frames(apr, vio, tolerance_s, apr_sigmas=sigmas[apr_name])
                     gt_poses = _gt_of_frames(gt, frames, apr.is_timed and vio.is_timed, tolerance_s)
                 except VioAprError as error:
                     raise AssociationError(
@@ -169,6 +172,11 @@ def load_cases(
         if tick is not None:
             tick()
     return cases
+
+
+def _read_sigmas(path: Path, predictions: Trajectory) -> Sigmas | None:
+    table = path_beside(path)
+    return None if table is None else read_sigmas(table, predictions)
 
 
 def _gt_of_frames(

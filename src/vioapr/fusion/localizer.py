@@ -58,6 +58,8 @@ class Localizer:
         tracking_ok: bool = True,
         *,
         tracking_reset: bool = False,
+        apr_sigma_m: float | None = None,
+        apr_sigma_deg: float | None = None,
     ) -> Estimate:
         """Take in a frame and say where the camera is.
 
@@ -71,6 +73,10 @@ class Localizer:
             tracking_ok: Whether the tracker trusts its pose. If not, this frame is
                 unlocalized and the next tracked frame starts a new segment.
             tracking_reset: Whether the tracker's world is a new one from this frame on.
+            apr_sigma_m: What the regressor states of its position's error, standard deviation
+                per axis in metres; None, NaN or not above 0 where it states nothing. Only its
+                ratio to what it usually states matters, and to method `consensus` alone.
+            apr_sigma_deg: Likewise of its orientation, degrees.
 
         Returns:
             The estimate, as known now. Its `status` is a `Status`.
@@ -87,6 +93,8 @@ class Localizer:
             _to_rigid("vio_from_cam", vio_from_cam if is_tracked else None),
             np.asarray(is_tracked),
             np.asarray(bool(tracking_reset)),
+            None if apr_sigma_m is None else np.asarray(float(apr_sigma_m)),
+            None if apr_sigma_deg is None else np.asarray(np.deg2rad(float(apr_sigma_deg))),
         )
         self._state, estimate = self._method.step(self._params, self._state, frame)
         self._last_timestamp_s = float(timestamp_s)

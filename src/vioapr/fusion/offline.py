@@ -134,7 +134,7 @@ def stack_walks(walks: Sequence[PairedFrames]) -> FrameInput:
     """
     length = max(len(walk) for walk in walks)
     padded = [_pad(walk.inputs, length) for walk in walks]
-    times, aprs, has_apr, vios, is_ok, is_reset = map(list, zip(*padded, strict=True))
+    times, aprs, has_apr, vios, is_ok, is_reset, *sigmas = map(list, zip(*padded, strict=True))
     return FrameInput(
         np.stack(times, axis=1),
         rigid.stack(aprs, axis=1),
@@ -142,7 +142,16 @@ def stack_walks(walks: Sequence[PairedFrames]) -> FrameInput:
         rigid.stack(vios, axis=1),
         np.stack(is_ok, axis=1),
         np.stack(is_reset, axis=1),
+        *(_stack_sigmas(column, length) for column in sigmas),
     )
+
+
+def _stack_sigmas(sigmas: list[NDArray | None], length: int) -> NDArray | None:
+    """Of walks of which some may have none: NaN there."""
+    if all(sigma is None for sigma in sigmas):
+        return None
+    nothing = np.full(length, np.nan)
+    return np.stack([nothing if sigma is None else sigma for sigma in sigmas], axis=1)
 
 
 def _pad(frames: FrameInput, length: int) -> FrameInput:

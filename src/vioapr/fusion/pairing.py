@@ -38,7 +38,11 @@ class PairedFrames:
 
 
 def pair_frames(
-    apr: Trajectory, vio: Trajectory, tolerance_s: float = DEFAULT_TOLERANCE_S
+    apr: Trajectory,
+    vio: Trajectory,
+    tolerance_s: float = DEFAULT_TOLERANCE_S,
+    *,
+    apr_sigmas: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
 ) -> PairedFrames:
     """Merge a walk's predictions and its VIO poses into frames.
 
@@ -49,6 +53,9 @@ def pair_frames(
         apr: world_from_cam, predicted.
         vio: vio_from_cam, tracked.
         tolerance_s: Largest difference of timestamps within a frame, s.
+        apr_sigmas: What the regressor states of each prediction's errors, if it does: standard
+            deviations per axis of position, m, and orientation, degrees, shape (len(apr),)
+            each; NaN where it states nothing.
 
     Raises:
         AssociationError: No prediction has a VIO pose.
@@ -74,6 +81,7 @@ def pair_frames(
         _rows_or_identity(vio, vio_row),
         vio_row >= 0,
         np.zeros(count, dtype=bool),
+        *_stated(apr_sigmas, apr_row),
     )
     return PairedFrames(inputs, _names(apr, vio, apr_row, vio_row))
 
@@ -86,6 +94,16 @@ def _rows_or_identity(trajectory: Trajectory, rows: NDArray[np.intp]) -> Rigid3:
         np.where(missing, 0.0, poses.translation_m),
         np.where(missing, np.array([0.0, 0.0, 0.0, 1.0]), poses.quat_xyzw),
     )
+
+
+def _stated(
+    sigmas: tuple[NDArray[np.float64], NDArray[np.float64]] | None, rows: NDArray[np.intp]
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Sigmas of some predictions, in m and rad; NaN for row -1."""
+    if sigmas is None:
+        return None, None
+    position_m, orientation_deg = (np.where(rows < 0, np.nan, sigma[rows]) for sigma in sigmas)
+    return position_m, np.deg2rad(orientation_deg)
 
 
 def _names(

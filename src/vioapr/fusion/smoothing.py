@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,55 +82,75 @@ def reverse(walk: PairedFrames) -> PairedFrames:
 
 def _combine(forward: FusedWalk, backward: FusedWalk) -> FusedWalk:
     """Each frame's two poses, averaged by their uncertainties."""
-    later = [backward.sigma_position_m, backward.sigma_orientation_deg]
-    sigmas = [
-        (sigma, other[::-1])
-        for sigma, other in zip(
-            (forward.sigma_position_m, forward.sigma_orientation_deg), later, strict=True
-        )
-        if sigma is not None and other is not None
-    ]
-    weights = [_weight_of_second(*pair) for pair in sigmas]
-    first, second = forward.world_from_cam, backward.world_from_cam.at(slice(None, None, -1))
-    pose = _average(first, second, *weights)
-    status = np.where(forward.is_localized, forward.status, backward.status[::-1])
-    is_raw = (status == Status.PREDICTED) & (backward.status[::-1] != Status.UNLOCALIZED)
-    status = np.where(is_raw, backward.status[::-1], status)
-    position, orientation = (
-        _mix(*pair, weight) for pair, weight in zip(sigmas, weights, strict=True)
+    passes = [_Pass.of(forward), _Pass.of(backward).at(slice(None, None, -1))]
+    first, second = passes[0].filled_from(passes[1]), passes[1].filled_from(passes[0])
+    position_m, position_weight = _mix(first.sigma_position_m, second.sigma_position_m)
+    orientation_deg, rotation_weight = _mix(
+        first.sigma_orientation_deg, second.sigma_orientation_deg
     )
+    # A frame that only one pass has tracked is the better for it.
+    is_better = (first.status == Status.PREDICTED) & (second.status != Status.UNLOCALIZED)
     return replace(
         forward,
-        world_from_cam=pose,
-        status=status,
-        sigma_position_m=position,
-        sigma_orientation_deg=orientation,
+        world_from_cam=_average(
+            first.world_from_cam, second.world_from_cam, position_weight, rotation_weight
+        ),
+        status=np.where(is_better, second.status, first.status),
+        sigma_position_m=position_m,
+        sigma_orientation_deg=orientation_deg,
     )
 
 
-def _weight_of_second(first: NDArray, second: NDArray) -> NDArray[np.float64]:
-    """0 where only the first is known, 1 where only the second is."""
-    information = [np.nan_to_num(1 / sigma**2) for sigma in (first, second)]
-    total = information[0] + information[1]
-    return np.where(total > 0, information[1] / np.where(total > 0, total, 1.0), 0.0)
+class _Pass(NamedTuple):
+    """What one pass says of n frames, in order of time."""
+
+    world_from_cam: Rigid3
+    status: NDArray[np.integer]
+    sigma_position_m: NDArray[np.float64]
+    sigma_orientation_deg: NDArray[np.float64]
+
+    @staticmethod
+    def of(fused: FusedWalk) -> _Pass:
+        assert fused.sigma_position_m is not None  # `smooth_walks` has checked
+        assert fused.sigma_orientation_deg is not None
+        return _Pass(
+            fused.world_from_cam,
+            fused.status,
+            fused.sigma_position_m,
+            fused.sigma_orientation_deg,
+        )
+
+    def at(self, index: slice) -> _Pass:
+        return _Pass(
+            self.world_from_cam.at(index),
+            self.status[index],
+            self.sigma_position_m[index],
+            self.sigma_orientation_deg[index],
+        )
+
+    def filled_from(self, other: _Pass) -> _Pass:
+        """With the other's answers where this one has none."""
+        has_answer = self.status != Status.UNLOCALIZED
+        return _Pass(
+            rigid.choose(has_answer, self.world_from_cam, other.world_from_cam),
+            np.where(has_answer, self.status, other.status),
+            np.where(has_answer, self.sigma_position_m, other.sigma_position_m),
+            np.where(has_answer, self.sigma_orientation_deg, other.sigma_orientation_deg),
+        )
+
+
+def _mix(first: NDArray, second: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The average's sigma, if both err alike: they share the regressor's biases; its weight."""
+    weight = first**2 / (first**2 + second**2)
+    return np.sqrt((1 - weight) * first**2 + weight * second**2), weight
 
 
 def _average(
     first: Rigid3, second: Rigid3, position_weight: NDArray, rotation_weight: NDArray
 ) -> Rigid3:
-    first_or_second = rigid.choose(position_weight == 1, second, first)
-    second_or_first = rigid.choose(position_weight == 0, first, second)
+    """Weights are the second's."""
     weight = position_weight[:, None]
     return Rigid3(
-        (1 - weight) * first_or_second.translation_m + weight * second_or_first.translation_m,
-        quaternion.slerp(first_or_second.quat_xyzw, second_or_first.quat_xyzw, rotation_weight),
+        (1 - weight) * first.translation_m + weight * second.translation_m,
+        quaternion.slerp(first.quat_xyzw, second.quat_xyzw, rotation_weight),
     )
-
-
-def _mix(first: NDArray, second: NDArray, weight: NDArray) -> NDArray[np.float64]:
-    """The sigma of the average if both err alike: they share the regressor's biases."""
-    known_first, known_second = (
-        np.where(weight == 1, second, first),
-        np.where(weight == 0, first, second),
-    )
-    return np.sqrt((1 - weight) * known_first**2 + weight * known_second**2)

@@ -45,6 +45,10 @@ class FrameInput(NamedTuple):
         tracking_ok: Shape (...), whether the tracker knows its pose.
         tracking_reset: Shape (...), whether the tracker's world is a new one from this frame
             on. A frame without tracking implies it for the next one.
+        apr_sigma_m: Shape (...), what the regressor states of its position's error: standard
+            deviation per axis, m; NaN or not above 0 where it states nothing. None if it never
+            does. Methods without use for it ignore it.
+        apr_sigma_rad: Likewise of its orientation, rad.
     """
 
     timestamp_s: Array
@@ -53,6 +57,8 @@ class FrameInput(NamedTuple):
     vio_from_cam: Rigid3
     tracking_ok: Array
     tracking_reset: Array
+    apr_sigma_m: Array | None = None
+    apr_sigma_rad: Array | None = None
 
     @property
     def keeps_world(self) -> Array:
@@ -68,6 +74,7 @@ class FrameInput(NamedTuple):
             self.vio_from_cam.at(index),
             self.tracking_ok[index],
             self.tracking_reset[index],
+            *(None if sigma is None else sigma[index] for sigma in self[6:]),
         )
 
 

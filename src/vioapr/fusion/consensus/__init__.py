@@ -5,9 +5,13 @@ is a bias that depends on the view, heavy-tailed, plus what VIO has drifted sinc
 two are is found while running, so that VIO is trusted no more than it earns: with good odometry
 the method averages over a minute, with bad odometry over the last few predictions.
 
+- `tracker.py`: what the tracker has come by, and its jumps.
 - `votes.py`: the memory, of a fixed number of votes that differ in view.
-- `fit.py`: the votes' robust means, in which votes of one view share one weight, votes far from
-  the others count little, and gravity is used where it is known.
-- `drift.py`: how fast VIO drifts, by the likelihood of the votes' differences.
+- `stated.py`: what the regressor states of its errors.
+- `views.py`: votes of one view share one weight.
+- `rotation.py`, `position.py`, `robust.py`: the votes' robust means, in which votes far from the
+  others count little, and gravity is used where it is known.
+- `drift.py`, `trust.py`: how fast VIO drifts, by the likelihood of the votes' differences.
+- `anchor.py`, `estimate.py`: the latest mean, carried on by VIO, and its uncertainty.
 - `method.py`: the step.
 """

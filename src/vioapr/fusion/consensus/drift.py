@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vioapr.fusion.consensus.votes import ViewGaps
+from vioapr.fusion.consensus.robust import total
 from vioapr.geometry.arrays import Array, constant, namespace
 
 LOG10_RATES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0, 3.0])
@@ -25,7 +25,7 @@ CORRELATED_PART = 1 / 30
 """The likelihood's errors include the slow part that the votes' scatter does not show; their
 variance is larger than the scatter's by about this factor, and rates in its units smaller."""
 
-_ERROR_LENGTH_RAD = 0.35
+ERROR_LENGTH_RAD = 0.35
 """Turn after which the errors of a regressor are other ones."""
 
 _WHITE = 0.15
@@ -34,21 +34,36 @@ _WHITE = 0.15
 _PRIOR_DEGREES = 0.5
 """Degrees of freedom that the expected variance of the errors is worth."""
 
+CHANNELS = np.array([[1.0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]])
+"""What of the samples drifts together: tilt, heading and position."""
 
-class Channel(NamedTuple):
-    """What of the samples drifts together, and the size expected of its errors.
+_AXES = CHANNELS.sum(axis=1, keepdims=True)
+_RATES = CORRELATED_PART * 10 ** LOG10_RATES[:, None, None]
+
+
+class Samples(NamedTuple):
+    """Of n votes.
 
     Attributes:
-        components: Columns of the samples.
-        noise: Shape (...), standard deviation.
+        values: Turns about and positions along the world's axes, shape (..., 6, n), rad and m.
+        is_valid: Shape (..., 1, n), 1 where there is a sample, else 0.
+        exponents: -d^2 / 2 for the distances of views in correlation lengths, (..., n, n).
+        ages_m: Shape (..., 1, n), metres that VIO has come since.
+        excess: Shape (..., 1, n), by how much a sample's variance is larger than usual, in
+            units of the usual one.
+        jumps: Shape (..., 1, n), variance by jumps since, in the same units.
     """
 
-    components: slice
-    noise: Array
+    values: Array
+    is_valid: Array
+    exponents: Array
+    ages_m: Array
+    excess: Array
+    jumps: Array
 
 
 class Evidence(NamedTuple):
-    """Of one channel, for every candidate, shape (..., g).
+    """For tilt, heading and position, and for every candidate, shape (..., 3, g).
 
     Attributes:
         log_likelihood: Up to a constant.
@@ -59,93 +74,73 @@ class Evidence(NamedTuple):
     variance: Array
 
 
-def weigh_drifts(
-    samples: Array,
-    is_valid: Array,
-    gaps: ViewGaps,
-    length_m: Array,
-    ages: Array,
-    excess: Array,
-    jumps: Array,
-    channels: list[Channel],
-) -> list[Evidence]:
-    """The candidates' likelihoods.
+def weigh_drifts(samples: Samples, noise: Array) -> Evidence:
+    """The candidates' likelihoods, with the errors' variance at its likeliest value.
 
     Args:
-        samples: Shape (..., n, d).
-        is_valid: Shape (..., n), 1 where there is a sample, else 0.
-        gaps: Between the samples' views, shape (..., n, n).
-        length_m: Shape (...), motion after which a regressor's errors are other ones.
-        ages: Shape (..., n), metres that VIO has come since.
-        excess: Shape (..., n), by how much a sample's variance is larger than usual, in units
-            of the usual one.
-        jumps: Shape (..., n), variance by jumps since, in the same units.
-        channels: Which columns are judged together.
+        samples: The votes.
+        noise: Size expected of the channels' errors, standard deviation, shape (..., 3, 1).
     """
-    squared = gaps.normalized(length_m[..., None, None], _ERROR_LENGTH_RAD)
-    covariance = _covariances(is_valid, squared, ages, excess, jumps)
-    whitened, log_determinant = _whiten(covariance, samples, is_valid)
-    xp = namespace(samples)
+    xp = namespace(noise)
+    squares, log_determinant = _residuals(samples)
+    count = total(samples.is_valid) - 1
+    degrees = xp.maximum(count, 0.0) * constant(_AXES, noise)
+    sums = constant(CHANNELS, noise) @ squares
+    sums = xp.maximum(sums, 0.0)
+    variance = (sums + _PRIOR_DEGREES * noise * noise) / (degrees + _PRIOR_DEGREES)
+    score = degrees * xp.log(variance) + constant(_AXES, noise) * log_determinant
+    return Evidence(-0.5 * (score - xp.min(score, axis=-1, keepdims=True)), variance)
+
+
+def _residuals(samples: Samples) -> tuple[Array, Array]:
+    """Whitened squared residuals of the mean, (..., 6, g), and log-determinants, (..., 1, g)."""
+    xp = namespace(samples.values)
+    count = samples.is_valid.shape[-1]
+    lower = xp.linalg.cholesky(_bordered_covariances(samples))
+    whitened = lower[..., count:, :count]
     ones, values = whitened[..., :1, :], whitened[..., 1:, :]
-    floor = xp.ones_like(log_determinant) * 1e-12  # where there are no samples
-    information = xp.maximum(xp.sum(ones * ones, axis=(-2, -1)), floor)
-    mean = xp.sum(ones * values, axis=-1) / information[..., None]
-    squares = xp.sum(values * values, axis=-1) - mean * mean * information[..., None]
-    log_determinant = log_determinant + xp.log(information)
-    count = xp.sum(is_valid, axis=-1)[..., None]
-    free = xp.maximum(count - 1, xp.zeros_like(count))
-    return [_judge(channel, squares, log_determinant, free) for channel in channels]
+    information = ones @ ones.mT
+    information = xp.maximum(information, 1e-12)  # without samples
+    products = values @ ones.mT
+    squares = total(values * values) - products * products / information
+    pivots = xp.linalg.diagonal(lower)[..., None, :count]
+    log_determinant = 2 * total(xp.log(pivots)) + xp.log(information)
+    return squares[..., 0].mT, log_determinant[..., 0].mT
 
 
-def _judge(channel: Channel, squares: Array, log_determinant: Array, free: Array) -> Evidence:
-    """With the errors' variance at its likeliest value."""
-    xp = namespace(squares)
-    own = squares[..., channel.components]
-    degrees = own.shape[-1] * free
-    total = xp.maximum(xp.sum(own, axis=-1), xp.zeros_like(log_determinant))
-    variance = (total + _PRIOR_DEGREES * channel.noise[..., None] ** 2) / (degrees + _PRIOR_DEGREES)
-    score = -0.5 * (degrees * xp.log(variance) + own.shape[-1] * log_determinant)
-    return Evidence(score - xp.max(score, axis=-1, keepdims=True), variance)
+def _bordered_covariances(samples: Samples) -> Array:
+    """[[K, B], [B^T, c I]] for every candidate's covariance K and B = [1, values].
+
+    The lower left part of its Cholesky factor is (L^-1 B)^T for any c that is large enough:
+    array libraries have no triangular solve. Shape (..., g, n + 7, n + 7).
+    """
+    xp = namespace(samples.values)
+    is_valid = samples.is_valid
+    known = xp.concat([is_valid, samples.values * is_valid], axis=-2)
+    bound = 1 + xp.sum(known * known, axis=(-2, -1), keepdims=True) / _WHITE
+    corner = bound * constant(np.eye(known.shape[-2]), bound)
+    upper = xp.concat([_error_covariance(samples), known.mT], axis=-1)
+    bordered = xp.concat([upper, xp.concat([known, corner], axis=-1)], axis=-2)
+    ages = xp.concat([samples.ages_m * is_valid, xp.zeros_like(known[..., :1, :7])], axis=-1)
+    covariances = constant(_RATES, bordered) * _since_later(ages)[..., None, :, :]
+    covariances += bordered[..., None, :, :]
+    return covariances
 
 
-def _covariances(
-    is_valid: Array, squared: Array, ages: Array, excess: Array, jumps: Array
-) -> Array:
-    """Of the samples for every candidate, shape (..., g, n, n)."""
-    xp = namespace(ages)
+def _error_covariance(samples: Samples) -> Array:
+    """Without drift; samples that are not there are independent of the others."""
+    xp = namespace(samples.values)
+    is_valid, exponents = samples.is_valid, samples.exponents
     # A mixture of a smooth and a rough kernel: what regressors' errors look like.
-    errors = 0.5 * xp.exp(-0.5 * squared) + 0.5 * xp.exp(-xp.sqrt(squared))
-    identity = constant(np.eye(ages.shape[-1]), ages)
-    errors = errors + identity * (_WHITE + excess)[..., None] + _since_later(jumps)
-    rates = constant(CORRELATED_PART * 10**LOG10_RATES, ages)[:, None, None]
-    covariance = errors[..., None, :, :] + rates * _since_later(ages)[..., None, :, :]
-    # Samples that are not there become independent of the others, and say nothing.
-    is_pair = (is_valid[..., :, None] * is_valid[..., None, :])[..., None, :, :]
-    return covariance * is_pair + identity * (1 - is_valid)[..., None, :, None]
+    errors = xp.exp(-xp.sqrt(-2 * xp.minimum(exponents, 0.0)))
+    errors += xp.exp(exponents)
+    errors *= 0.5 * is_valid.mT * is_valid
+    own = (_WHITE + samples.excess) * is_valid + (1 - is_valid)
+    errors += constant(np.eye(is_valid.shape[-1]), own) * own
+    errors += _since_later(samples.jumps * is_valid)
+    return errors
 
 
 def _since_later(values: Array) -> Array:
-    """What two samples share of something that grows with age, (..., n) to (..., n, n)."""
-    return namespace(values).minimum(values[..., :, None], values[..., None, :])
-
-
-def _whiten(covariance: Array, samples: Array, is_valid: Array) -> tuple[Array, Array]:
-    """L^-1 [1, samples], transposed to (..., g, 1 + d, n), and log det, where L L^T is K.
-
-    By one Cholesky factorization of [[K, B], [B^T, c I]]: its lower left part is
-    (L^-1 B)^T for any c that is large enough. Array libraries have no triangular solve.
-    """
-    xp = namespace(samples)
-    known = xp.concat([is_valid[..., None], samples * is_valid[..., None]], axis=-1)
-    rows, columns = known.shape[-2:]
-    known = xp.broadcast_to(known[..., None, :, :], (*covariance.shape[:-1], columns))
-    bound = 1 + xp.sum(known * known, axis=(-2, -1), keepdims=True) / _WHITE
-    corner = bound * constant(np.eye(columns), samples)
-    transposed = xp.matrix_transpose(known)
-    bordered = xp.concat(
-        [xp.concat([covariance, known], axis=-1), xp.concat([transposed, corner], axis=-1)],
-        axis=-2,
-    )
-    lower = xp.linalg.cholesky(bordered)
-    pivots = xp.linalg.diagonal(lower)[..., :rows]
-    return lower[..., rows:, :rows], 2 * xp.sum(xp.log(pivots), axis=-1)
+    """What two samples share of something that grows with age, (..., 1, n) to (..., n, n)."""
+    return namespace(values).minimum(values.mT, values)

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from vioapr.fusion.consensus.drift import (
-    CORRELATED_PART,
+    ERROR_LENGTH_RAD,
     LOG10_RATES,
-    Channel,
     Evidence,
+    Samples,
     weigh_drifts,
 )
-from vioapr.fusion.consensus.fit import Fit
 from vioapr.fusion.consensus.params import ConsensusParams
-from vioapr.fusion.consensus.votes import RECENT, Odometer, ViewGaps, Votes
+from vioapr.fusion.consensus.robust import Fit, total
+from vioapr.fusion.consensus.views import view_exponents
+from vioapr.fusion.consensus.votes import RECENT, Votes
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, zeros
 
-_LEARNING = 0.1
-"""Weight of a new view's evidence in the running average."""
+_LEARNING = 0.12
+"""Weight of a lesson's evidence in the running average."""
+
+_JUDGED = 20
+"""Newest votes by which the drift is judged: what that costs grows with their third power."""
+
+_VIEWS_PER_LESSON = 2
+"""Consecutive memories differ little: they are judged at every second new view."""
 
 _SCEPTICAL_PRIOR = -2.0
 """As `drift_prior`, for a tracker that does not know up: much drift is expected of it."""
@@ -36,214 +43,180 @@ less than drift that passes for errors."""
 _COUPLING = 1.0
 """Heading and position drift alike: a factor of ten between them costs this logarithm."""
 
-_FIRST_NOISE_M, _FIRST_NOISE_RAD = 0.5, 0.08
-"""Typical errors of a regressor, until the votes tell."""
+_FIRST_NOISE = np.array([[0.08], [0.5]])
+"""Typical errors of a regressor, rad and m, until the votes tell."""
 
 
-class Trust(NamedTuple):
-    """What has been learned, shape (...) or (..., g) for g candidates of drift.
-
-    Attributes:
-        tilt: Average log-likelihood of each candidate for the drift of tilt.
-        heading: Likewise of heading.
-        position: Likewise of position.
-        is_upright: Whether map and tracker both seem to know up.
-        scatter_m: Typical residual of a vote's position, per axis.
-        scatter_rad: Of its rotation.
-        noise_m: Typical error of a prediction, per axis: with the slow part that neighbouring
-            votes share.
-        noise_rad: Of its rotation.
-        lessons: How often something was learned.
-    """
-
-    tilt: Array
-    heading: Array
-    position: Array
-    is_upright: Array
-    scatter_m: Array
-    scatter_rad: Array
-    noise_m: Array
-    noise_rad: Array
-    lessons: Array
-
-
-class Rates(NamedTuple):
-    """Variance that VIO drifts by in a metre, in units of the scatter's, shape (...)."""
-
-    tilt: Array
-    heading: Array
-    position: Array
-
-    def variances(self, trust: Trust) -> tuple[Array, Array]:
-        """Of heading and position, in rad^2 and m^2 a metre."""
-        return (
-            CORRELATED_PART * self.heading * trust.noise_rad**2,
-            CORRELATED_PART * self.position * trust.noise_m**2,
-        )
-
-
-def no_trust_yet(batch_shape: tuple[int, ...], like: Array) -> Trust:
-    """Before the first vote."""
-    candidates = (*batch_shape, len(LOG10_RATES))
-
-    def full(value: float) -> Array:
-        return zeros(batch_shape, like) + value
-
-    return Trust(
-        tilt=zeros(candidates, like),
-        heading=zeros(candidates, like),
-        position=zeros(candidates, like),
-        is_upright=zeros(batch_shape, like) > 0,
-        scatter_m=full(_FIRST_NOISE_M),
-        scatter_rad=full(_FIRST_NOISE_RAD),
-        noise_m=full(_FIRST_NOISE_M),
-        noise_rad=full(_FIRST_NOISE_RAD),
-        lessons=full(0.0),
-    )
-
-
-def drift_rates(params: ConsensusParams, trust: Trust) -> Rates:
-    """The drifts' likeliest sizes: geometric means over the candidates."""
-    xp = namespace(trust.scatter_m)
-    if not params.estimate_drift:
-        least = xp.ones_like(trust.scatter_m) * 10 ** LOG10_RATES[0]
-        return Rates(least, least, least)
-    return Rates(*(_geometric_mean(weights) for weights in _weights(params, trust)))
-
-
-def _weights(params: ConsensusParams, trust: Trust) -> tuple[Array, Array, Array]:
-    """Probabilities of the candidates for tilt, heading and position."""
-    xp = namespace(trust.tilt)
-    firm, sceptical = (
-        constant(_prior(slope), trust.tilt) for slope in (params.drift_prior, _SCEPTICAL_PRIOR)
-    )
-    tilt_prior = xp.where(_expects_up(params, trust)[..., None], xp.log(firm), xp.log(sceptical))
-    tilt = _softmax(trust.tilt + tilt_prior)
-    # A tracker whose tilt stays constant knows up, and is as good as those that do.
-    steadiness = xp.sum(tilt[..., :_STEADY_STEPS], axis=-1, keepdims=True)
-    if params.gravity == "known":
-        steadiness = xp.ones_like(steadiness)
-    prior = xp.log(steadiness * firm + (1 - steadiness) * sceptical)
-    return (
-        tilt,
-        _softmax(trust.heading + prior + _hint(trust.position)),
-        _softmax(trust.position + prior + _hint(trust.heading)),
-    )
-
-
-def _expects_up(params: ConsensusParams, trust: Trust) -> Array:
-    if params.gravity in ("known", "estimate"):
-        return trust.is_upright | ~trust.is_upright
-    return trust.is_upright
-
-
+@cache
 def _prior(slope: float) -> np.ndarray:
     prior = np.exp(-slope * (LOG10_RATES - LOG10_RATES[0]))
     return prior / prior.sum()
 
 
 def _mixing() -> np.ndarray:
-    """How likely each size of one drift is with each of the other's, columns sum to 1."""
+    """How likely each size of one drift is with each of the other's."""
     mixing = np.exp(-_COUPLING * np.abs(LOG10_RATES[:, None] - LOG10_RATES))
     return mixing / mixing.sum(axis=0)
 
 
 _MIXING = _mixing()
+_SCEPTICAL = _prior(_SCEPTICAL_PRIOR)
+_LOG_RATES = np.log(10) * LOG10_RATES[:, None]
 
 
-def _hint(other: Array) -> Array:
-    """What the likelihoods of one drift say of the other's, logarithm."""
-    xp = namespace(other)
-    mixed = _softmax(other)[..., None] * constant(_MIXING, other)
-    return xp.log(xp.sum(mixed, axis=-2))
+class Trust(NamedTuple):
+    """What has been learned, shape (..., 2, 1) for orientation (rad) and position (m).
+
+    Attributes:
+        evidence: Average log-likelihood of the candidates for the drifts of tilt, heading and
+            position, shape (..., 3, g).
+        rates: The likeliest drifts: variance in a metre, in units of the scatter's, shape
+            (..., 3, 1).
+        is_upright: Whether map and tracker both seem to know up, shape (..., 1, 1).
+        scatter: Typical residual of a vote, per axis.
+        noise: Typical error of a prediction, per axis: with the slow part that neighbouring
+            votes share.
+        views: How many new views there were, shape (..., 1, 1).
+    """
+
+    evidence: Array
+    rates: Array
+    is_upright: Array
+    scatter: Array
+    noise: Array
+    views: Array
 
 
-def _softmax(logits: Array) -> Array:
-    xp = namespace(logits)
-    weights = xp.exp(logits - xp.max(logits, axis=-1, keepdims=True))
-    return weights / xp.sum(weights, axis=-1, keepdims=True)
+def no_trust_yet(params: ConsensusParams, batch_shape: tuple[int, ...], like: Array) -> Trust:
+    """Before the first vote."""
+    number = zeros((*batch_shape, 1, 1), like)
+    evidence = zeros((*batch_shape, 3, len(LOG10_RATES)), like)
+    # Two separate arrays: a tracer would take one that is passed twice for one input.
+    scatter, noise = (number + constant(_FIRST_NOISE, like) for _ in range(2))
+    is_upright = number > 0
+    rates = _likeliest_rates(params, evidence, is_upright)
+    return Trust(evidence, rates, is_upright, scatter, noise, number)
 
 
-def _geometric_mean(weights: Array) -> Array:
-    xp = namespace(weights)
-    return 10 ** xp.sum(weights * constant(LOG10_RATES, weights), axis=-1)
+def _likeliest_rates(params: ConsensusParams, evidence: Array, is_upright: Array) -> Array:
+    """Geometric means over the candidates, shape (..., 3, 1)."""
+    xp = namespace(evidence)
+    if not params.estimate_drift:
+        return xp.zeros_like(evidence[..., :1]) + 10.0 ** LOG10_RATES[0]
+    weights = _candidate_weights(params, evidence, is_upright)
+    return xp.exp((weights @ constant(_LOG_RATES, weights)) / total(weights))
 
 
-def notice_scatter(trust: Trust, rotation: Fit, position: Fit) -> Trust:
-    """After every vote."""
-    return trust._replace(
-        is_upright=rotation.is_upright,
-        scatter_m=position.scatter,
-        scatter_rad=rotation.scatter,
-    )
+def _candidate_weights(params: ConsensusParams, evidence: Array, is_upright: Array) -> Array:
+    """Of tilt, heading and position, up to a factor, shape (..., 3, g)."""
+    xp = namespace(evidence)
+    firm, sceptical = (constant(p, evidence) for p in (_prior(params.drift_prior), _SCEPTICAL))
+    likelihood = xp.exp(evidence - xp.max(evidence, axis=-1, keepdims=True))
+    expects_up = is_upright if params.gravity in ("auto", "none") else is_upright | ~is_upright
+    tilt = likelihood[..., :1, :] * xp.where(expects_up, firm, sceptical)
+    # A tracker whose tilt stays constant knows up, and is as good as those that do.
+    steadiness = total(tilt[..., :_STEADY_STEPS]) / total(tilt)
+    if params.gravity == "known":
+        steadiness = xp.ones_like(steadiness)
+    prior = steadiness * firm + (1 - steadiness) * sceptical
+    # What the likelihoods of one drift say of the other's.
+    hints = likelihood[..., 1:, :] @ constant(_MIXING.T, evidence)
+    hints = xp.concat([hints[..., 1:, :], hints[..., :1, :]], axis=-2)
+    return xp.concat([tilt, likelihood[..., 1:, :] * prior * hints], axis=-2)
 
 
 def learn(
     params: ConsensusParams,
     trust: Trust,
     votes: Votes,
-    gaps: ViewGaps,
-    ages: Odometer,
-    rotation: Fit,
-    position: Fit,
+    ages: Array,
+    fits: tuple[Fit, Fit],
+    is_upright: Array,
     is_new_view: Array,
 ) -> Trust:
-    """Average the evidence of votes in, where the newest older one is from a new view."""
-    xp = namespace(votes.is_valid)
-    enough = xp.sum(votes.is_valid, axis=-1) > RECENT + 1
-    jumps = ages.jumps_m2 / (trust.noise_m**2)[..., None]
-    inputs = (
-        *trust,
-        *gaps,
+    """After a vote: note the scatter, and average the evidence in at every second new view.
+
+    Args:
+        params: Of the method.
+        trust: The last one.
+        votes: With the new one.
+        ages: What the odometer has read since each vote, shape (..., 3, n).
+        fits: Of rotation and position.
+        is_upright: Of the worlds.
+        is_new_view: Whether the newest older vote is from a new view, shape (..., 1, 1).
+    """
+    xp = namespace(ages)
+    scatter = xp.concat([fit.scatter for fit in fits], axis=-2)
+    noise2 = trust.noise * trust.noise
+    jumps = (1 / noise2).mT @ ages[..., 1:, :]
+    is_view = is_new_view & (total(votes.is_valid) > RECENT + 1)
+    views = trust.views + xp.astype(is_view, scatter.dtype)
+    lessons = xp.floor((views - 1) / _VIEWS_PER_LESSON) + 1
+    is_lesson = is_view & (lessons * _VIEWS_PER_LESSON == views + _VIEWS_PER_LESSON - 1)
+    judged = (
+        xp.concat([fit.samples for fit in fits], axis=-2),
         votes.is_valid,
-        ages.motion_m,
-        jumps + ages.jumps_rad2 / (trust.noise_rad**2)[..., None],
-        xp.concat([rotation.samples, position.samples], axis=-1),
-        rotation.excess + position.excess,
+        votes.rows,
+        ages,
+        fits[0].excess + fits[1].excess,
+        jumps,
     )
-    learned = compute_where(is_new_view & enough, partial(_learn, params), inputs, tuple(trust))
-    return Trust._make(learned)
+    count = votes.is_valid.shape[-1]
+    newest = (part[..., : min(_JUDGED, count)] for part in judged)
+    inputs = (trust.evidence, trust.noise, lessons, scatter, *newest)
+
+    def compute(*rows: Array) -> tuple[Array, ...]:
+        # The priors are weighed against the evidence of the whole memory.
+        return _learn(params, max(count / _JUDGED, 1.0), *rows)
+
+    evidence, noise = compute_where(is_lesson[..., 0, 0], compute, inputs, inputs[:2])
+    rates = _likeliest_rates(params, evidence, is_upright)
+    return Trust(evidence, rates, is_upright, scatter, noise, views)
 
 
-def _learn(params: ConsensusParams, *inputs: Array) -> tuple[Array, ...]:
+_CHANNEL_SCATTER = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+"""Tilt, heading and position, from orientation and position."""
+
+
+def _learn(
+    params: ConsensusParams,
+    emphasis: float,
+    evidence: Array,
+    noise: Array,
+    lessons: Array,
+    scatter: Array,
+    values: Array,
+    is_valid: Array,
+    rows: Array,
+    ages: Array,
+    excess: Array,
+    jumps: Array,
+) -> tuple[Array, ...]:
     """From what `learn` gathers, for rows of walks."""
-    count = len(Trust._fields)
-    trust = Trust._make(inputs[:count])
-    *gaps, is_valid, motion_m, jumps, samples, excess = inputs[count:]
-    evidence = weigh_drifts(
-        samples,
+    votes = Votes(rows, is_valid)
+    length_m = _ERROR_LENGTH_M + _ERROR_LENGTH_PER_M * noise[..., 1:, :]
+    samples = Samples(
+        values,
         is_valid,
-        ViewGaps(*gaps),
-        _ERROR_LENGTH_M + _ERROR_LENGTH_PER_M * trust.noise_m,
-        motion_m,
+        view_exponents(votes.vio_place_m, votes.vio_gaze, length_m, ERROR_LENGTH_RAD),
+        ages[..., :1, :],
         excess,
         jumps,
-        [
-            Channel(slice(0, 2), trust.scatter_rad),
-            Channel(slice(2, 3), trust.scatter_rad),
-            Channel(slice(3, 6), trust.scatter_m),
-        ],
     )
-    return tuple(_average(params, trust, evidence))
+    new = weigh_drifts(samples, constant(_CHANNEL_SCATTER, scatter) @ scatter)
+    new = new._replace(log_likelihood=emphasis * new.log_likelihood)
+    return _average(params, evidence, noise, lessons, new)
 
 
-def _average(params: ConsensusParams, trust: Trust, evidence: list[Evidence]) -> Trust:
-    xp = namespace(trust.lessons)
-    lessons = trust.lessons + 1
-    rate = xp.maximum(1 / lessons, xp.ones_like(lessons) * _LEARNING)
-    old = (trust.tilt, trust.heading, trust.position)
-    tilt, heading, position = (
-        before + rate[..., None] * (new.log_likelihood - before)
-        for before, new in zip(old, evidence, strict=True)
-    )
-    trust = trust._replace(tilt=tilt, heading=heading, position=position, lessons=lessons)
+def _average(
+    params: ConsensusParams, evidence: Array, noise: Array, lessons: Array, new: Evidence
+) -> tuple[Array, Array]:
+    xp = namespace(lessons)
+    rate = xp.maximum(1 / xp.maximum(lessons, 1.0), _LEARNING)
+    evidence = evidence + rate * (new.log_likelihood - evidence)
     # What may be error or drift counts as error here: uncertainty must not be too small.
-    firm = xp.log(constant(_prior(params.drift_prior), trust.tilt))
-    rad2, m2 = (
-        xp.sum(_softmax(likelihood + firm) * one.variance, axis=-1)
-        for likelihood, one in zip((heading, position), evidence[1:], strict=True)
-    )
-    return trust._replace(
-        noise_m=trust.noise_m + rate * (xp.sqrt(m2) - trust.noise_m),
-        noise_rad=trust.noise_rad + rate * (xp.sqrt(rad2) - trust.noise_rad),
-    )
+    own = evidence[..., 1:, :]
+    weights = xp.exp(own - xp.max(own, axis=-1, keepdims=True))
+    weights = weights * constant(_prior(params.drift_prior), weights)
+    variance = total(weights * new.variance[..., 1:, :]) / total(weights)
+    return evidence, noise + rate * (xp.sqrt(variance) - noise)

@@ -4,206 +4,138 @@ The latest few predictions are all kept. Of older ones only those are kept whose
 from that of the one kept before, so that neither standing still nor many predictions a second
 push the memory's variety out: predictions from one view share their bias and say little more
 than one of them.
+
+Shapes in this package: votes lie along the last axis, n of them, and what belongs to a walk has
+two last axes of its own, so that all of it broadcasts: (..., 1, 1) for a number, (..., 3, 1) for
+a vector. What is the same sum for orientation and position is worked out for both at once,
+shape (..., 2, ...), orientation first.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from vioapr.fusion.alignment import push
-from vioapr.fusion.types import FrameInput
-from vioapr.geometry import quaternion
-from vioapr.geometry.arrays import Array, constant, namespace, norm, select, zeros
-from vioapr.geometry.rigid import Rigid3, choose
+from vioapr.fusion.consensus.columns import compare
+from vioapr.geometry.arrays import Array, constant, namespace, zeros
 
 RECENT = 3
 """The newest votes, which are kept whatever their view."""
 
-_TURN_RADIUS_M = 0.3
-"""Metres of motion that a turn by one radian counts as: about a phone's distance from its
-user's axis."""
-
-_REST_M_PER_S = 0.01
-"""Metres of motion that a second counts as: trackers drift at rest too."""
-
-_SUDDEN_M_PER_S, _SUDDEN_FACTOR, _SUDDEN_M = 2.5, 3.0, 0.5
-"""A step is a jump of the tracker if it is longer than this speed and this multiple of the
-usual speed account for, by this length."""
-
-_SUDDEN_RAD_PER_S, _SUDDEN_RAD = 6.0, 0.2
-"""Likewise a turn; people turn a phone as suddenly as they like, but no faster."""
-
-_SPEED_MEMORY = 0.9
-"""Weight of the old usual speed at every step."""
-
-
-class Odometer(NamedTuple):
-    """How far the tracker has come, as a measure of how much it may have drifted; shape (...).
-
-    Attributes:
-        motion_m: Metres moved, turns included.
-        jumps_m2: Sum of squares of steps that no hand-held camera makes, m^2.
-        jumps_rad2: Likewise of their turns, rad^2.
-    """
-
-    motion_m: Array
-    jumps_m2: Array
-    jumps_rad2: Array
-
-    def since(self, earlier: Odometer) -> Odometer:
-        """What was added since earlier readings."""
-        return Odometer(*(now - then for now, then in zip(self, earlier, strict=True)))
-
-    def advance(self, seconds: Array, step: Rigid3, speed_m_s: Array) -> Odometer:
-        """After a step of the tracker, cam_from_cam, that took some seconds.
-
-        Args:
-            seconds: Shape (...).
-            step: Of the tracker.
-            speed_m_s: The usual speed: see `usual_speed`.
-        """
-        xp = namespace(seconds)
-        nothing = xp.zeros_like(seconds)
-        distance, turn = norm(step.translation_m), quaternion.angle_rad(step.quat_xyzw)
-        jumps = distance > _longest_step_m(seconds, speed_m_s)
-        jumps = jumps | (turn > _SUDDEN_RAD_PER_S * seconds + _SUDDEN_RAD)
-        # Nothing of a step that jumped can be trusted, neither its way nor its turn.
-        jump_m, jump_rad = (xp.where(jumps, size, nothing) for size in (distance, turn))
-        moved = distance + _TURN_RADIUS_M * turn + _REST_M_PER_S * seconds
-        return Odometer(
-            self.motion_m + moved, self.jumps_m2 + jump_m**2, self.jumps_rad2 + jump_rad**2
-        )
-
-
-def _longest_step_m(seconds: Array, speed_m_s: Array) -> Array:
-    return (_SUDDEN_M_PER_S + _SUDDEN_FACTOR * speed_m_s) * seconds + _SUDDEN_M
-
-
-def usual_speed(speed_m_s: Array, seconds: Array, step: Rigid3) -> Array:
-    """The running average of the speed, m/s, in which a jump counts as a fast step only."""
-    xp = namespace(seconds)
-    way = xp.minimum(norm(step.translation_m), _longest_step_m(seconds, speed_m_s))
-    has_passed = seconds > 0
-    speed = way / xp.where(has_passed, seconds, xp.ones_like(seconds))
-    # Per step, not per second: walks differ in rate, but jumps are told by a few steps.
-    mixed = _SPEED_MEMORY * speed_m_s + (1 - _SPEED_MEMORY) * speed
-    return xp.where(has_passed, mixed, speed_m_s)
+_ROTATION, _GAZE, _PLACE = slice(0, 4), slice(4, 7), slice(13, 16)
+_VIO_GAZE, _VIO_PLACE, _VIO_VIEW = slice(7, 10), slice(10, 13), slice(7, 13)
+_ODOMETER, _STATED = slice(16, 19), slice(19, 21)
+_ROWS = 21
 
 
 class Votes(NamedTuple):
-    """Past predictions, newest first, shape (..., n).
+    """Past predictions, newest first, n of them.
 
     Attributes:
-        apr_world_from_cam: The predictions.
-        vio_from_cam: The tracker's poses of the same frames, in a z-up tracking world.
-        odometer: Its readings then.
-        is_valid: 1 where there is a vote, else 0.
+        rows: Shape (..., 21, n), what is known of each: see the properties.
+        is_valid: Shape (..., 1, n), 1 where there is a vote, else 0.
     """
 
-    apr_world_from_cam: Rigid3
-    vio_from_cam: Rigid3
-    odometer: Odometer
+    rows: Array
     is_valid: Array
 
-    def ages(self, now: Odometer) -> Odometer:
-        """What the odometer has read since each vote, shape (..., n)."""
-        return Odometer(*(reading[..., None] for reading in now)).since(self.odometer)
+    @property
+    def rotation(self) -> Array:
+        """world_from_vio by each vote, quaternions xyzw, shape (..., 4, n)."""
+        return self.rows[..., _ROTATION, :]
 
-    def add(self, frame: FrameInput, odometer: Odometer, keeps_oldest_recent: Array) -> Votes:
-        """Put a frame in front.
+    @property
+    def place_m(self) -> Array:
+        """The predicted positions in the world, shape (..., 3, n)."""
+        return self.rows[..., _PLACE, :]
+
+    @property
+    def gaze(self) -> Array:
+        """The predicted viewing directions in the world, shape (..., 3, n)."""
+        return self.rows[..., _GAZE, :]
+
+    @property
+    def vio_place_m(self) -> Array:
+        """Where the tracker was, shape (..., 3, n)."""
+        return self.rows[..., _VIO_PLACE, :]
+
+    @property
+    def vio_gaze(self) -> Array:
+        """The viewing directions in the tracking world, shape (..., 3, n)."""
+        return self.rows[..., _VIO_GAZE, :]
+
+    @property
+    def odometer(self) -> Array:
+        """Its readings then, shape (..., 3, n); see `tracker.Tracker`."""
+        return self.rows[..., _ODOMETER, :]
+
+    @property
+    def stated(self) -> Array:
+        """The variances that the regressor states, over the usual ones, shape (..., 2, n)."""
+        return self.rows[..., _STATED, :]
+
+    def add(self, vote: Array, is_novel: Array) -> Votes:
+        """Put a vote in front.
 
         Args:
-            frame: With prediction and tracking.
-            odometer: Its readings.
-            keeps_oldest_recent: Shape (...), whether the oldest of the recent votes goes on to
-                the older ones, or is dropped.
+            vote: See `new_vote`.
+            is_novel: Shape (..., 1, 1), whether the oldest of the recent votes goes on to the
+                older ones, or is dropped.
         """
-        one = namespace(self.is_valid).ones_like(self.is_valid[..., 0])
-        readings = zip(self.odometer, odometer, strict=True)
-        return Votes(
-            _push(self.apr_world_from_cam, frame.apr_world_from_cam, keeps_oldest_recent),
-            _push(self.vio_from_cam, frame.vio_from_cam, keeps_oldest_recent),
-            Odometer(*(_push_scalar(old, new, keeps_oldest_recent) for old, new in readings)),
-            _push_scalar(self.is_valid, one, keeps_oldest_recent),
-        )
+        xp = namespace(vote)
+        moves = is_novel | (constant(_is_recent(self.is_valid.shape[-1]), vote) > 0)
+        pushed = xp.concat([vote, self.rows[..., :-1]], axis=-1)
+        first = xp.ones_like(self.is_valid[..., :1])
+        valid = xp.concat([first, self.is_valid[..., :-1]], axis=-1)
+        return Votes(xp.where(moves, pushed, self.rows), xp.where(moves, valid, self.is_valid))
+
+    def is_novel(self, length_m: Array, length_rad: float, distance: float) -> Array:
+        """Whether the oldest recent vote's view is new beside the newest older one's, (..., 1, 1).
+
+        Args:
+            length_m: Motion after which a view is another one, shape (..., 1, 1).
+            length_rad: Turn after which it is.
+            distance: In these lengths, from which on it is worth keeping.
+        """
+        leaving, kept = self.rows[..., RECENT - 1 : RECENT], self.rows[..., RECENT : RECENT + 1]
+        moved = leaving[..., _VIO_VIEW, :] - kept[..., _VIO_VIEW, :]
+        parts = constant(_VIEW_PARTS, moved) @ (moved * moved)
+        gap2 = parts[..., :1, :] / length_rad**2 + parts[..., 1:, :] / length_m**2
+        is_valid = self.is_valid > 0
+        is_first = ~is_valid[..., RECENT : RECENT + 1]
+        return (is_first | (gap2 > distance**2)) & is_valid[..., RECENT - 1 : RECENT]
 
 
-def _push(buffer: Rigid3, pose: Rigid3, keeps: Array) -> Rigid3:
-    recent = buffer.at((..., slice(0, RECENT), slice(None)))
-    older = buffer.at((..., slice(RECENT, None), slice(None)))
-    leaving = buffer.at((..., RECENT - 1, slice(None)))
-    older = choose(keeps[..., None], push(older, leaving), older)
-    xp = namespace(keeps)
-    return Rigid3(*(xp.concat(p, axis=-2) for p in zip(push(recent, pose), older, strict=True)))
+@cache
+def _is_recent(count: int) -> np.ndarray:
+    return (np.arange(count) < RECENT) * 1.0
 
 
-def _push_scalar(buffer: Array, value: Array, keeps: Array) -> Array:
-    xp = namespace(buffer)
-    recent, older = buffer[..., :RECENT], buffer[..., RECENT:]
-    moved = xp.concat([recent[..., -1:], older[..., :-1]], axis=-1)
-    return xp.concat([value[..., None], recent[..., :-1], select(keeps, moved, older)], axis=-1)
+_VIEW_PARTS = np.kron(np.eye(2), np.ones((1, 3)))
+"""Sums over viewing direction and position."""
+
+
+def new_vote(
+    apr_world_from_cam: Array, vio_from_cam: Array, odometer: Array, stated: Array
+) -> Array:
+    """One vote, a column of `Votes.rows`, shape (..., 21, 1).
+
+    Args:
+        apr_world_from_cam: The prediction, as a column.
+        vio_from_cam: The tracker's pose, z up, as a column.
+        odometer: Its readings, shape (..., 3, 1).
+        stated: See `Votes`, shape (..., 2, 1).
+    """
+    derived = compare(apr_world_from_cam, vio_from_cam)
+    places = [vio_from_cam[..., :3, :], apr_world_from_cam[..., :3, :]]
+    return namespace(derived).concat([derived, *places, odometer, stated], axis=-2)
 
 
 def empty_votes(batch_shape: tuple[int, ...], count: int, like: Array) -> Votes:
     """A memory without votes."""
-    shape = (*batch_shape, count)
-    return Votes(
-        Rigid3.identity(shape, like=like),
-        Rigid3.identity(shape, like=like),
-        Odometer(*(zeros(shape, like) for _ in range(3))),
-        zeros(shape, like),
-    )
-
-
-class ViewGaps(NamedTuple):
-    """How much views differ, shape (...).
-
-    Attributes:
-        distance_m2: Squared distance, m^2.
-        chord2: Squared distance of the viewing directions on the unit sphere: about the squared
-            angle in rad. Turns about the viewing direction do not count.
-    """
-
-    distance_m2: Array
-    chord2: Array
-
-    def normalized(self, length_m: Array | float, length_rad: float) -> Array:
-        """Squared distance in correlation lengths."""
-        return self.distance_m2 / length_m**2 + self.chord2 / length_rad**2
-
-
-def view_gaps(left: Rigid3, right: Rigid3) -> ViewGaps:
-    """Between cameras in one tracking world; the shapes are broadcast."""
-    moved = left.translation_m - right.translation_m
-    turned = viewing_direction(left) - viewing_direction(right)
-    xp = namespace(moved)
-    return ViewGaps(xp.sum(moved * moved, axis=-1), xp.sum(turned * turned, axis=-1))
-
-
-def view_gaps_within(places_m: Array, directions: Array) -> ViewGaps:
-    """Between all pairs of n cameras, shapes (..., n, 3) to (..., n, n)."""
-    places_m = places_m - places_m[..., :1, :]
-    return ViewGaps(squared_distances(places_m), squared_distances(directions))
-
-
-def squared_distances(points: Array) -> Array:
-    """Between all pairs, shape (..., n, 3) to (..., n, n); best for points near the origin."""
-    xp = namespace(points)
-    if points.dtype != xp.float64:  # the product below would cancel half of the few digits
-        gaps = points[..., :, None, :] - points[..., None, :, :]
-        return xp.sum(gaps * gaps, axis=-1)
-    squares = xp.sum(points * points, axis=-1, keepdims=True)
-    ones = xp.ones_like(squares)
-    # |a|^2 + |b|^2 - 2 a b as one product: a pass over the pairs instead of four.
-    left = xp.concat([squares, ones, -2 * points], axis=-1)
-    right = xp.concat([ones, squares, points], axis=-1)
-    distances = xp.matmul(left, xp.matrix_transpose(right))
-    return xp.maximum(distances, xp.zeros_like(distances))
-
-
-def viewing_direction(target_from_cam: Rigid3) -> Array:
-    """The camera's z axis, shape (..., 3)."""
-    forward = constant(np.array([0.0, 0.0, 1.0]), target_from_cam.translation_m)
-    return quaternion.rotate(target_from_cam.quat_xyzw, forward)
+    is_stated = np.zeros((_ROWS, 1))
+    is_stated[_STATED] = 1.0
+    rows = zeros((*batch_shape, _ROWS, count), like) + constant(is_stated, like)
+    return Votes(rows, zeros((*batch_shape, 1, count), like))

@@ -1,0 +1,92 @@
+"""What a regressor states of its own errors: a table beside its predictions.
+
+`apr_<name>.sigma.csv` beside `apr_<name>.tum`, with the header
+`timestamp_s,sigma_position_m,sigma_orientation_deg`: standard deviations per axis. nan says that
+nothing is known, as do predictions without a row.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError
+from vioapr.formats.table import Rows, read_headed_csv
+from vioapr.trajectory import Trajectory, nearest_rows
+
+COLUMNS = ("timestamp_s", "sigma_position_m", "sigma_orientation_deg")
+SUFFIX = ".sigma.csv"
+
+_SAME_TIME_S = 1e-3
+"""Times of a row and its prediction may differ by this, by rounding in text."""
+
+
+class Sigmas(NamedTuple):
+    """Of the n poses of a trajectory, NaN where nothing is stated.
+
+    Attributes:
+        position_m: Standard deviation per axis, shape (n,), m.
+        orientation_deg: Shape (n,), degrees.
+    """
+
+    position_m: NDArray[np.float64]
+    orientation_deg: NDArray[np.float64]
+
+
+def path_beside(trajectory: Path) -> Path | None:
+    """The table that accompanies a file of predictions, if there is one."""
+    stem = trajectory.name.removesuffix(".gz").rsplit(".", 1)[0]
+    tables = (trajectory.with_name(stem + SUFFIX + end) for end in ("", ".gz"))
+    return next((path for path in tables if path.is_file()), None)
+
+
+def read_sigmas(path: Path, predictions: Trajectory) -> Sigmas:
+    """Read a table and bring it into the order of the predictions.
+
+    Args:
+        path: The table.
+        predictions: What it is of.
+
+    Raises:
+        FormatError: Another header, a negative or infinite sigma, a time without a prediction
+            or twice, or predictions without a clock.
+    """
+    rows = read_headed_csv(path, COLUMNS)
+    if not predictions.is_timed:
+        raise FormatError(path, "expected predictions with timestamps, got names only")
+    values = rows.numbers(slice(0, 3))
+    _check_sigmas(rows, values[:, 1:])
+    nearest = _match(rows, values[:, 0], predictions.timestamps_s)
+    ordered = np.full((2, len(predictions)), np.nan)
+    ordered[:, nearest] = values[:, 1:].T
+    return Sigmas(*ordered)
+
+
+def _check_sigmas(rows: Rows, sigmas: NDArray[np.float64]) -> None:
+    wrong = (sigmas < 0) | np.isinf(sigmas)
+    for row, column in np.argwhere(wrong)[:1]:
+        got = f"expected a {COLUMNS[1 + column]} of at least 0, or nan, got {sigmas[row, column]}"
+        raise FormatError(rows.path, got, rows.lines[row])
+
+
+def _match(
+    rows: Rows, times_s: NDArray[np.float64], predictions_s: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """The prediction of every row, shape (n,)."""
+    for row in np.flatnonzero(~np.isfinite(times_s))[:1]:
+        problem = f"expected a finite timestamp_s, got {times_s[row]}"
+        raise FormatError(rows.path, problem, rows.lines[row])
+    nearest = nearest_rows(times_s, predictions_s)
+    gaps = np.abs(predictions_s[nearest] - times_s)
+    for row in np.flatnonzero(gaps > _SAME_TIME_S)[:1]:
+        problem = f"expected the time of a prediction, got {times_s[row]:.6f} s"
+        nearest_is = f"the nearest one is at {predictions_s[nearest[row]]:.6f} s"
+        raise FormatError(rows.path, f"{problem}: {nearest_is}", rows.lines[row])
+    first = np.unique(nearest, return_index=True)[1]
+    for row in np.setdiff1d(np.arange(len(nearest)), first)[:1]:
+        problem = f"expected one row a prediction, got {times_s[row]:.6f} s again"
+        raise FormatError(rows.path, problem, rows.lines[row])
+    return nearest
