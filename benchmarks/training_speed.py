@@ -99,8 +99,8 @@ def make_images(folder: Path, config: Config) -> list[Path]:
     shape = (config.height_px, config.width_px)
     contents = []
     for _ in range(config.distinct):
-        light = fractal(rng, shape, slope=1.1)
-        colours = [light + 0.3 * fractal(rng, shape, slope=1.1) for _ in range(3)]
+        light = fractal(rng, shape, slope=1.25)
+        colours = [light + 0.3 * fractal(rng, shape, slope=1.25) for _ in range(3)]
         pixels = np.clip(120 + 45 * np.stack(colours, axis=-1), 0, 255).astype(np.uint8)
         contents.append(encode_image("a.jpg", pixels))
     paths = [folder / f"{number:05d}.jpg" for number in range(config.images)]
