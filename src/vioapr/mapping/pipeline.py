@@ -81,8 +81,6 @@ class _Mapping:
     def run(self) -> dict[str, Any]:
         """All steps."""
         p, images = self.params, self.images
-        pycolmap = load_pycolmap()
-        pycolmap.set_random_seed(p.seed)
         broken = self.steps.run(
             "features",
             [images.fingerprint, self.train, self.test, p.max_image_size, p.max_features],
