@@ -2,11 +2,11 @@
 
     python benchmarks/regressors.py courtyard FOLDER [--models mobile,posenet] [--json FILE]
     python benchmarks/regressors.py redkitchen FOLDER [--data FOLDER] [--json FILE]
-    python benchmarks/regressors.py two-scenes FOLDER [--json FILE]
+    python benchmarks/regressors.py two-scenes FOLDER [--data FOLDER] [--json FILE]
 
 courtyard: simulated training walks, two test walks in weathers of their own. redkitchen: frames
 before 800 of 7-Scenes redkitchen seq-01 to learn from, the others to test, RGB-D SLAM as VIO.
-two-scenes: one MS-Transformer for two courtyards; does it tell them apart?
+two-scenes: one MS-Transformer for a courtyard and the kitchen; does it tell them apart?
 
 FOLDER keeps scenes and checkpoints; what is there already is not made again. Figures are medians
 of the test walks, on all of their frames; `tilt by VIO` is the raw prediction with roll and pitch
@@ -21,7 +21,6 @@ import json
 import os
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,7 @@ from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.recording.frames import Tracking
 from vioapr.recording.info import RecordingInfo
-from vioapr.recording.scene import Scene
+from vioapr.recording.scene import Scene, World
 from vioapr.recording.writer import RecordingWriter
 from vioapr.trajectory import Trajectory
 
@@ -57,7 +56,7 @@ TRAIN = {
 }
 """Options of `vioapr train` by model: what fits into 20 minutes on two cores."""
 
-REDKITCHEN_TRAIN = {"mobile": f"--epochs 300 --batch-size 64 --lr 1e-3 {COMMON}"}
+REDKITCHEN_TRAIN = f"--epochs 300 --batch-size 64 --lr 1e-3 {COMMON}"
 
 TWO_PLACES = "--train 12 --test 2 --rate-hz 2.5 --width-px 160 --height-px 120"
 TWO_PLACES_TRAIN = {"ms-transformer": f"--epochs 4 --lr 5e-4 --batch-size 32 {COMMON}"}
@@ -106,9 +105,11 @@ def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
     facts = {
         "extent_m": extent_m,
         "median_m_of_extent": raw.median_m / extent_m,
-        "tilt_by_vio_median_deg": float(np.mean([_with_tilt_of_vio(case) for case in cases])),
         "raw_median_deg": raw.median_deg,
     }
+    if scene.world.is_gravity_aligned:
+        tilted = [_with_tilt_of_vio(case) for case in cases]
+        facts["raw_median_deg_with_tilt_by_vio"] = float(np.mean(tilted))
     print(facts)
     return {**facts, "groups": to_json(groups)}
 
@@ -131,7 +132,7 @@ def _with_tilt_of_vio(case: Case) -> float:
     Only where up is z in the map and y in the tracker's world.
     """
     inputs, up_in_map, up_in_vio = case.frames.inputs, np.eye(3)[2], np.eye(3)[1]
-    rows = case.has_gt & inputs.has_apr & inputs.has_vio
+    rows = case.has_gt & inputs.has_apr & inputs.tracking_ok
     raw = inputs.apr_world_from_cam.quat_xyzw[rows]
     cam_from_vio = quaternion.inverse(inputs.vio_from_cam.quat_xyzw[rows])
     said = quaternion.rotate(raw, quaternion.rotate(cam_from_vio, up_in_vio))
@@ -157,7 +158,8 @@ def courtyard(folder: Path, models: list[str]) -> dict[str, Any]:
 
 def make_redkitchen(data: Path, folder: Path) -> Scene:
     """A scene of two recordings, frames before 800 and the others."""
-    scene = Scene.create(folder, "redkitchen", is_outdoor=False)
+    world = World(is_gravity_aligned=False)
+    scene = Scene.create(folder, "redkitchen", is_outdoor=False, world=world)
     with (data / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
     for id_, split, chosen in (
@@ -181,46 +183,40 @@ def make_redkitchen(data: Path, folder: Path) -> Scene:
     return scene
 
 
+def kitchen(folder: Path, data: Path) -> Scene:
+    """That scene, unless it is there."""
+    place = folder / "redkitchen"
+    is_there = (place / "gt" / "from-800.tum").exists()
+    return Scene.open(place) if is_there else make_redkitchen(data, place)
+
+
 def redkitchen(folder: Path, data: Path) -> dict[str, Any]:
     """One sequence's start to learn from, its end to test."""
-    place = folder / "redkitchen"
-    scene = Scene.open(place) if (place / "gt" / "from-800.tum").exists() else (
-        make_redkitchen(data, place))  # fmt: skip
-    results = {}
-    for model, options in REDKITCHEN_TRAIN.items():
-        trained = train([scene], model, options, folder / f"redkitchen-{model}")
-        judged = judge(scene, folder / f"redkitchen-{model}", folder / "walks-redkitchen")
-        results[model] = {"trained": trained, **judged}
-    return results
+    scene, out = kitchen(folder, data), folder / "redkitchen-mobile"
+    trained = train([scene], "mobile", REDKITCHEN_TRAIN, out)
+    return {"mobile": {"trained": trained, **judge(scene, out, folder / "walks-redkitchen")}}
 
 
-def two_scenes(folder: Path) -> dict[str, Any]:
-    """Two courtyards of different seeds; the share of test images that are taken for their own."""
+def two_scenes(folder: Path, data: Path) -> dict[str, Any]:
+    """A courtyard and a kitchen; the share of test images that are taken for their own scene."""
     from vioapr.regression.checkpoint import load
     from vioapr.regression.prediction import predict_recording
 
-    scenes = [simulate(folder / f"place-{seed}", seed, TWO_PLACES) for seed in (1, 2)]
-    scenes = [_named(scene, f"place-{number}") for number, scene in enumerate(scenes, 1)]
+    scenes = [simulate(folder / "small-courtyard", 1, TWO_PLACES), kitchen(folder, data)]
     model = "ms-transformer"
-    trained = train(scenes, model, TWO_PLACES_TRAIN[model], folder / model)
+    trained = train(scenes, model, TWO_PLACES_TRAIN, folder / model)
     regressor = load(folder / model)
     shares: dict[str, float] = {}
     for number, scene in enumerate(scenes):
         for id_ in scene.splits["test"]:
             _, predicted = predict_recording(regressor, scene, id_)
-            shares[f"{scene.name}/{id_}"] = float(np.mean(predicted.scene == number))
+            shares[f"{scene.name}, {id_}"] = float(np.mean(predicted.scene == number))
     print(shares)
     judged = {
-        scene.name: judge(scene, folder / model, folder / f"walks-{scene.name}") for scene in scenes
+        scene.name: judge(scene, folder / model, folder / f"walks-{model}-{number}")
+        for number, scene in enumerate(scenes)
     }
     return {"trained": trained, "right_scene": shares, **judged}
-
-
-def _named(scene: Scene, name: str) -> Scene:
-    """Scenes of one regressor need names of their own."""
-    named = replace(scene, name=name)
-    named.save()
-    return named
 
 
 def main() -> None:
@@ -232,14 +228,15 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=os.environ.get("VIOAPR_DATA"))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    if options.benchmark == "redkitchen":
-        if options.data is None:
-            parser.error("--data, or the environment variable VIOAPR_DATA, must name the data")
-        results = redkitchen(options.folder, Path(options.data) / "redkitchen_seq01_images")
-    elif options.benchmark == "courtyard":
+    if options.benchmark != "courtyard" and options.data is None:
+        parser.error("--data, or the environment variable VIOAPR_DATA, must name the data")
+    if options.benchmark == "courtyard":
         results = courtyard(options.folder, options.models.split(","))
     else:
-        results = two_scenes(options.folder)
+        data = Path(options.data) / "redkitchen_seq01_images"
+        results = {"redkitchen": redkitchen, "two-scenes": two_scenes}[options.benchmark](
+            options.folder, data
+        )
     if options.json:
         machine = describe_machine(["torch", "numpy", "moderngl"])
         write_json(options.json, {"machine": machine, **results})
