@@ -59,7 +59,7 @@ TRAIN = {
 REDKITCHEN_TRAIN = f"--epochs 300 --batch-size 64 --lr 1e-3 {COMMON}"
 
 TWO_PLACES = "--train 12 --test 2 --rate-hz 2.5 --width-px 160 --height-px 120"
-TWO_PLACES_TRAIN = {"ms-transformer": f"--epochs 4 --lr 5e-4 --batch-size 32 {COMMON}"}
+TWO_PLACES_TRAIN = f"--epochs 4 --lr 5e-4 --batch-size 32 {COMMON}"
 
 METHODS_SHOWN = ("apr", "vio", "vio-apr", "consensus")
 
