@@ -12,12 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from vioapr.deploy.machine import cpu_model
+
 
 def describe_machine(packages: Sequence[str]) -> dict[str, str]:
     """Processor, system and the versions that the figures depend on."""
     versions = {name: _version(name) for name in packages}
     return {
-        "cpu": _cpu_model(),
+        "cpu": cpu_model(),
         "cores": str(os.cpu_count()),
         "platform": platform.platform(),
         "python": platform.python_version(),
@@ -30,14 +32,6 @@ def _version(package: str) -> str:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return "not installed"
-
-
-def _cpu_model() -> str:
-    """The processor's name; Python's own answer is only its architecture on Linux."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.processor() or platform.machine()
 
 
 def time_interleaved(jobs: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, list[float]]:
@@ -63,14 +57,6 @@ def summarize_us(seconds: Sequence[float], frames: int) -> dict[str, float]:
         "min_us": min(per_frame),
         "max_us": max(per_frame),
     }
-
-
-def resident_bytes() -> int | None:
-    """Memory of this process that is in RAM, or None where the system has no /proc."""
-    statm = Path("/proc/self/statm")
-    if not statm.exists():
-        return None
-    return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def write_json(path: Path, results: Mapping[str, Any]) -> None:

@@ -25,10 +25,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from common import describe_machine, resident_bytes, summarize_us, time_interleaved, write_json
+from common import describe_machine, summarize_us, time_interleaved, write_json
 from rich.console import Console
 from rich.table import Table
 
+from vioapr.deploy.machine import resident_bytes
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import run_steps

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vioapr.errors import AssociationError, ParameterError
-from vioapr.trajectory import Trajectory, associate
+from vioapr.trajectory import Trajectory, associate, poses_of_frames
 
 
 def make(times, names=None, is_timed=True):
@@ -20,6 +20,18 @@ def pairs(left, right, tolerance_s=0.01):
 def test_association_is_one_to_one_and_takes_the_nearest():
     left, right = make([0.0, 1.0, 2.0]), make([0.004, 0.996, 1.003, 5.0])
     assert pairs(left, right) == [(0, 0), (1, 2)]
+
+
+def test_poses_of_frames():
+    known = make([0.004, 0.996, 1.003, 5.0], ["a", "b", "c", "d"])
+    by_time = poses_of_frames(known, np.array([0.0, 1.0, 2.0]))
+    np.testing.assert_array_equal(by_time.translation_m[:, 0], [0.004, 1.003, np.nan])
+    np.testing.assert_array_equal(by_time.quat_xyzw[:, 3], [1, 1, np.nan])
+    by_name = poses_of_frames(known, None, ["d", "e", "a", "b", "c"])
+    np.testing.assert_array_equal(by_name.translation_m[:, 0], [5.0, np.nan, 0.004, 0.996, 1.003])
+    assert poses_of_frames(known, np.zeros(0)).translation_m.shape == (0, 3)
+    with pytest.raises(AssociationError, match="not both have image names"):
+        poses_of_frames(known, None)
 
 
 def test_association_keeps_to_the_tolerance():

@@ -213,16 +213,55 @@ def associate(
         AssociationError: One has no clock, and not both have names.
         ParameterError: The tolerance is negative or not a number.
     """
+    times_s = left.timestamps_s if left.is_timed else None
+    return _associate(times_s, left.names, right, tolerance_s)
+
+
+def poses_of_frames(
+    known: Trajectory,
+    timestamps_s: NDArray[np.float64] | None,
+    names: Sequence[str] | None = None,
+    tolerance_s: float = DEFAULT_TOLERANCE_S,
+) -> Rigid3:
+    """The poses of frames, e.g. their ground truth, found as by `associate`.
+
+    Args:
+        known: The poses, target_from_source.
+        timestamps_s: Of n frames, increasing, on the same clock; None where they have no clock.
+        names: Of the frames' images, needed where one has no clock.
+        tolerance_s: Largest difference of timestamps, s.
+
+    Returns:
+        Shape (n,), NaN for frames without.
+
+    Raises:
+        AssociationError: There is no clock, and not both have names.
+        ParameterError: The tolerance is negative or not a number.
+    """
+    pairs = _associate(timestamps_s, names, known, tolerance_s)
+    count = len(names or ()) if timestamps_s is None else len(timestamps_s)
+    poses = Rigid3(np.full((count, 3), np.nan), np.full((count, 4), np.nan))
+    for all_, found in zip(poses, known.target_from_source, strict=True):
+        all_[pairs.left_rows] = found[pairs.right_rows]
+    return poses
+
+
+def _associate(
+    times_s: NDArray[np.float64] | None,
+    names: Sequence[str] | None,
+    right: Trajectory,
+    tolerance_s: float,
+) -> Association:
     if not tolerance_s >= 0:
         raise ParameterError(f"expected a time tolerance of at least 0 s, got {tolerance_s}")
-    if left.is_timed and right.is_timed:
-        return _associate_by_time(left.timestamps_s, right.timestamps_s, tolerance_s)
-    if left.names is None or right.names is None:
+    if times_s is not None and right.is_timed:
+        return _associate_by_time(times_s, right.timestamps_s, tolerance_s)
+    if names is None or right.names is None:
         raise AssociationError(
             "cannot pair the trajectories: "
             "one has no timestamps and not both have image names to go by"
         )
-    return _associate_by_name(left.names, right.names)
+    return _associate_by_name(names, right.names)
 
 
 def _associate_by_name(left: Sequence[str], right: Sequence[str]) -> Association:
@@ -235,6 +274,8 @@ def _associate_by_name(left: Sequence[str], right: Sequence[str]) -> Association
 def _associate_by_time(
     left_s: NDArray[np.float64], right_s: NDArray[np.float64], tolerance_s: float
 ) -> Association:
+    if not len(left_s):
+        return Association(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
     nearest_right = nearest_rows(left_s, right_s)
     nearest_left = nearest_rows(right_s, left_s)
     left_rows = np.arange(len(left_s))

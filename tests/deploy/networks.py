@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from vioapr.deploy.preprocess import MEAN_RGB, STD_RGB
+from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
 
 
 class TinyPrediction(NamedTuple):
@@ -100,7 +100,7 @@ class DecodingNetwork(nn.Module):
         self.register_buffer("digits", digits * 2 / (_LEVELS**2 - 1))
 
     def forward(self, images: Tensor) -> TinyPrediction:
-        grey = (images[:, 0] * STD_RGB[0] + MEAN_RGB[0]) * 255
+        grey = (images[:, 0] * IMAGE_STD[0] + IMAGE_MEAN[0]) * 255
         scaled = grey.reshape(1, -1) @ self.masks @ self.digits - 1
         quat = scaled[:, 3:]
         spread = torch.exp(scaled[:, 0] * 10 - 1)  # differs by place

@@ -4,8 +4,9 @@ from PIL import Image
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
-from vioapr.deploy.preprocess import MEAN_RGB, STD_RGB, Preprocessor  # noqa: E402
+from vioapr.deploy.preprocess import Preprocessor  # noqa: E402
 from vioapr.errors import ParameterError  # noqa: E402
+from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD  # noqa: E402
 
 
 def picture(height, width, rng):
@@ -23,14 +24,14 @@ def test_it_resizes_as_pil_does_within_a_grey_level(rng, size):
     expected = np.asarray(resized, dtype=float)[16:240, 16:240]
     output = Preprocessor(256, 224)(torch.from_numpy(image))
     assert output.shape == (1, 3, 224, 224)
-    grey = 255 * (output[0].permute(1, 2, 0).numpy() * np.array(STD_RGB) + MEAN_RGB)
+    grey = 255 * (output[0].permute(1, 2, 0).numpy() * np.array(IMAGE_STD) + IMAGE_MEAN)
     assert np.abs(grey - expected).max() <= 1.0
 
 
 def test_a_grey_picture_stays_as_it_is():
     image = np.full((50, 70, 3), 51, dtype=np.uint8)
     output = Preprocessor(64, 56)(torch.from_numpy(image))
-    expected = (0.2 - np.array(MEAN_RGB)) / np.array(STD_RGB)
+    expected = (0.2 - np.array(IMAGE_MEAN)) / np.array(IMAGE_STD)
     np.testing.assert_allclose(output[0, :, 0, 0], expected, atol=1e-5)
     np.testing.assert_allclose(output[0, :, -1, -1], expected, atol=1e-5)
 

@@ -5,8 +5,9 @@ import torch
 from tests.regression.toy import spec
 
 from vioapr.errors import ParameterError
-from vioapr.regression.losses import LossParams, PoseLoss
+from vioapr.regression.losses import PoseLoss
 from vioapr.regression.networks import Raw, build
+from vioapr.regression.params import LossParams
 
 IDENTITY = torch.tensor([[0.0, 0.0, 0.0, 1.0]])
 SCENE = torch.zeros(1, dtype=torch.int64)

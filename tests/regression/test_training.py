@@ -1,6 +1,7 @@
 """The training loop: it learns, resumes bit-equal, and says what went wrong."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +11,15 @@ from tests.regression.toy import make_scene, params, spec
 from vioapr.errors import FormatError, ParameterError, TrainingError
 from vioapr.geometry import quaternion
 from vioapr.regression import training
-from vioapr.regression.augmentation import AugmentationParams, middle_crop
+from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.batches import Batch, BatchSource, epoch_order
-from vioapr.regression.checkpoint import STATE_FILE, load, load_tensors
+from vioapr.regression.checkpoint import load, load_tensors, save_tensors
 from vioapr.regression.data import load_samples, split_frames
-from vioapr.regression.losses import LossParams
+from vioapr.regression.files import STATE_FILE
+from vioapr.regression.learner import Learner, Run, set_units
 from vioapr.regression.networks import build
-from vioapr.regression.training import Learner, Run, set_units, train
+from vioapr.regression.params import AugmentationParams, LossParams, PositionStageParams
+from vioapr.regression.training import train
 
 
 @pytest.fixture(scope="module")
@@ -82,11 +85,13 @@ def weights_of(run):
     return load_tensors(run.folder / STATE_FILE, "state")[0]
 
 
-@pytest.mark.parametrize("stopped_at", [1, 3, 5])
-def test_a_killed_run_goes_on_as_if_it_had_not_been(make_run, stopped_at):
-    whole = make_run("whole", epochs=3, spec={"dropout": 0.5})
+@pytest.mark.parametrize(("epochs", "stopped_at"), [(3, 1), (3, 3), (3, 5), (1, 3), (1, 5)])
+def test_a_killed_run_goes_on_as_if_it_had_not_been(make_run, epochs, stopped_at):
+    """Also between its two stages, and in the second one."""
+    values = {"epochs": epochs, "position_stage": PositionStageParams(3 - epochs)}
+    whole = make_run("whole", **values, spec={"dropout": 0.5})
     train(whole)
-    killed = make_run("killed", epochs=3, spec={"dropout": 0.5})
+    killed = make_run("killed", **values, spec={"dropout": 0.5})
     steps = []
 
     def tick():
@@ -98,7 +103,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(make_run, stopped_at):
         train(killed._replace(tick=tick))
     has_state = (killed.folder / STATE_FILE).exists()
     assert has_state == (stopped_at > 2)
-    again = make_run("killed", epochs=3, spec={"dropout": 0.5})
+    again = make_run("killed", **values, spec={"dropout": 0.5})
     journal = train(again, resume=has_state)
     expected, found = weights_of(whole), weights_of(again)
     assert expected.keys() == found.keys()
@@ -106,6 +111,45 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(make_run, stopped_at):
     assert len(journal.epochs) == 3
     mine, theirs = (load(run.folder).network.state_dict() for run in (whole, again))
     assert all(torch.equal(mine[name], theirs[name]) for name in mine)
+
+
+@pytest.mark.parametrize("model", ["mobile", "ms-transformer"])
+def test_the_second_stage_teaches_positions_alone(make_run, model):
+    states = []
+    for second in (0, 2):
+        run = make_run(
+            f"{second}", model, epochs=1, position_stage=PositionStageParams(second),
+            loss=LossParams("learnable-l2"), schedule="step", eps=1e-10,
+        )  # fmt: skip
+        epochs = train(run).epochs
+        states.append(weights_of(run))
+    before, after = (
+        {name: value for name, value in state.items() if name.startswith("learner.")}
+        for state in states
+    )
+    changed = {name for name in before if not torch.equal(before[name], after[name])}
+    heads = {"heads.position", "heads.log_sigma"}
+    if model == "ms-transformer":
+        heads = {"position_head.0", "position_head.2", "log_sigma"}
+    assert changed == {
+        f"learner.network.{head}.{part}" for head in heads for part in ("weight", "bias")
+    }
+    # Its loss is of the position alone, and its learning rate begins anew.
+    assert epochs[2]["loss"] < epochs[1]["loss"]
+    assert [record["lr"] for record in epochs] == pytest.approx([1e-4, 1e-3, 1e-5])
+
+
+def test_a_state_from_before_there_were_two_stages(make_run):
+    run = make_run(epochs=1)
+    train(run)
+    path = run.folder / STATE_FILE
+    tensors, content = load_tensors(path, "state")
+    for name in ("eps", "position_stage"):
+        del content["run"]["params"][name]
+    save_tensors(path, "state", tensors, content)
+    assert len(train(make_run(epochs=1), resume=True).epochs) == 1
+    with pytest.raises(ParameterError, match="eps differ: 1e-08 then, 1e-10 now"):
+        train(make_run(epochs=1, eps=1e-10), resume=True)
 
 
 def test_the_seed_decides(make_run):
@@ -209,6 +253,19 @@ def test_turns_need_intrinsics(make_run, samples):
         train(run)
 
 
+def test_more_devices_than_images(make_run):
+    with pytest.raises(ParameterError, match="devices: expected at most 32, the training images"):
+        train(make_run(devices=64, batch_size=64))
+
+
+def test_images_a_second_are_those_that_there_were(make_run, monkeypatch):
+    """Fewer than a batch."""
+    clock = iter([10.0, 14.0])
+    monkeypatch.setattr(training, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    (record,) = train(make_run(epochs=1, batch_size=64)).epochs
+    assert record["images_per_s"] == 32 / 4
+
+
 def test_tensorboard_logs_are_written(make_run):
     run = make_run(epochs=1)
     train(run)
@@ -254,6 +311,15 @@ def test_odd_parameters():
         ({"epochs": 0}, "epochs: expected at least 1"),
         ({"lr": 0.0}, "lr: expected a number above 0"),
         ({"batch_size": 15, "devices": 2}, "multiple of the 2 devices"),
+        ({"eps": 0.0}, "eps: expected above 0"),
+        (
+            {"patience": 2, "position_stage": PositionStageParams(1)},
+            "patience: expected 0 where there are position_epochs",
+        ),
     ):
         with pytest.raises(ParameterError, match=text):
             params(**values)
+    with pytest.raises(ParameterError, match="position_epochs: expected at least 0, got -1"):
+        PositionStageParams(-1)
+    with pytest.raises(ParameterError, match="position_hue: expected 0 to 0.5, got 0.6"):
+        PositionStageParams(1, position_hue=0.6)

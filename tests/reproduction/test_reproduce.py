@@ -239,6 +239,10 @@ def test_the_plan_is_the_papers(tmp_path):
         assert (recipe.batch_size, recipe.lr, recipe.resize, recipe.crop) == (32, 1e-4, 256, 224)
     assert (posenet.epochs, outdoor.epochs, indoor.epochs) == (400, 600, 600)
     assert (outdoor.orientation_layers, indoor.orientation_layers) == (6, 4)
+    assert [recipe.eps for recipe in (posenet, outdoor, indoor)] == [1e-8, 1e-10, 1e-10]
+    assert [recipe.position_epochs for recipe in (posenet, outdoor, indoor)] == [0, 60, 0]
+    assert (outdoor.jitter, outdoor.position_jitter, outdoor.position_hue) == (0.0, 0.5, 0.2)
+    assert Overrides(epochs=20).apply(outdoor).position_epochs == 2
     assert (outdoor.position_weight, outdoor.rotation_weight) == (-3.0, -6.5)
     assert (indoor.position_weight, indoor.rotation_weight) == (0.0, -3.0)
     seven = paper_recipe(DATA_SETS["7scenes"], "ms-transformer", "indoor")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -20,8 +21,11 @@ from rich.progress import (
 # Tables must not be cut where the output goes to a file or a pipe.
 _WIDTH = None if sys.stdout.isatty() else max(160, shutil.get_terminal_size().columns)
 
-console = Console(width=_WIDTH, highlight=False)
-error_console = Console(stderr=True, highlight=False)
+# Of several training processes, the first one speaks for all.
+_IS_FIRST = all(os.environ.get(name, "0") == "0" for name in ("LOCAL_RANK", "NODE_RANK"))
+
+console = Console(width=_WIDTH, highlight=False, quiet=not _IS_FIRST)
+error_console = Console(stderr=True, highlight=False, quiet=not _IS_FIRST)
 
 
 @contextmanager
@@ -38,7 +42,7 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
         TextColumn("ETA"),
         TimeRemainingColumn(),
     )
-    is_shown = error_console.is_terminal
+    is_shown = error_console.is_terminal and _IS_FIRST
     with Progress(*columns, console=error_console, transient=True, disable=not is_shown) as bar:
         task = bar.add_task(title, total=total)
         yield lambda steps=1: bar.advance(task, steps)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import tyro
+
 from vioapr.cli.console import console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
@@ -12,7 +14,7 @@ from vioapr.recording.scene import Scene
 
 
 def predict(
-    scene: Path,
+    scene: tyro.conf.Positional[Path],
     model: Path,
     split: Literal["train", "test", "all"] = "test",
     out: Path | None = None,
@@ -33,38 +35,32 @@ def predict(
         batch_size: Images at once.
     """
     require_torch("vioapr predict")
-    import torch
-
-    from vioapr.regression.checkpoint import load
-    from vioapr.regression.prediction import predict_recording, write_prediction, write_walk
+    from vioapr.regression.prediction import load_predictor, predict_walks
 
     opened = Scene.open(scene)
     ids = opened.recording_ids if split == "all" else list(opened.splits.get(split, ()))
     if not ids:
         raise ParameterError(f"{scene}: expected recordings in the split {split!r}, found none")
-    regressor = load(model)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    regressor.network.to(device)
+    regressor = load_predictor(model)
+    known = regressor.spec.scenes
     label = name or regressor.spec.model.replace(":", "-")
     folder = out or scene / "walks" / split
-    counts = {id_: int(opened.recording(id_).frames.has_image.sum()) for id_ in ids}
+    images = sum(int(opened.recording(id_).frames.has_image.sum()) for id_ in ids)
     has_all = True
-    with progress("predicting", sum(counts.values())) as tick:
-        for id_ in ids:
-            poses, predicted = predict_recording(
-                regressor, opened, id_, batch_size=batch_size, device=device, tick=tick
-            )
-            write_prediction(folder / id_, label, poses, predicted)
-            has_all &= write_walk(folder / id_, opened, id_)
-            if len(regressor.spec.scenes) > 1:
-                _print_scenes(regressor.spec.scenes, opened.name, id_, predicted.scene)
+    with progress("predicting", images) as tick:
+        for walk in predict_walks(
+            regressor, opened, ids, folder, label, batch_size=batch_size, tick=tick
+        ):
+            has_all &= walk.can_be_evaluated
+            if len(known) > 1 and opened.name in known:
+                share = 100 * float((walk.scene == known.index(opened.name)).mean())
+                console.print(f"{walk.id}: {share:.1f} % of images taken for {opened.name!r}")
+    if opened.name not in known:
+        console.print(
+            f"note: {opened.name!r} is none of the scenes that this regressor knows: "
+            f"{', '.join(map(repr, known))}",
+            soft_wrap=True,
+        )
     console.print(f"predictions: {folder}", soft_wrap=True)
     if has_all:
         console.print(f"evaluate them: vioapr evaluate {folder}", soft_wrap=True)
-
-
-def _print_scenes(scenes: tuple[str, ...], own: str, id_: str, seen) -> None:
-    """Which scene the network saw, if it knows this one."""
-    if own in scenes:
-        share = 100 * float((seen == scenes.index(own)).mean())
-        console.print(f"{id_}: {share:.1f} % of images taken for {own!r}")

@@ -11,9 +11,11 @@ from vioapr.cli.console import console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
 from vioapr.recording.scene import Scene
+from vioapr.regression.params import TrainingParams, batches_of_epoch
+from vioapr.regression.spec import RegressorSpec
 
 if TYPE_CHECKING:
-    from vioapr.regression.training import Run
+    from vioapr.regression.journal import Journal
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
@@ -24,29 +26,15 @@ def train(
     out: Path | None = None,
     weights: Path | None = None,
     validation: str = "",
-    epochs: int = 400,
-    batch_size: int = 32,
-    lr: float = 1e-4,
-    weight_decay: float = 5e-4,
-    schedule: Literal["constant", "cosine", "step"] = "constant",
-    loss: Literal["learnable", "learnable-l2", "geometric"] = "learnable",
-    position_weight: float = 0.0,
-    rotation_weight: float = -3.0,
     rotation: Literal["log-quat", "quat", "6d"] = "log-quat",
     resize: int = 256,
     crop: int = 224,
     dropout: float | None = None,
     orientation_layers: int = 6,
-    jitter: float = 0.5,
-    hue: float = 0.1,
-    turn_deg: float = 0.0,
-    seed: int = 0,
-    precision: Literal["auto", "fp32", "bf16"] = "auto",
-    patience: int = 0,
-    devices: int = 1,
-    nodes: int = 1,
-    compile: Flag = False,
     resume: Flag = False,
+    params: tyro.conf.OmitArgPrefixes[
+        tyro.conf.FlagCreatePairsOff[TrainingParams]
+    ] = TrainingParams(),  # noqa: B008
 ) -> None:
     """Train a pose regressor on the training recordings of scenes.
 
@@ -62,61 +50,37 @@ def train(
         weights: File with pretrained weights of the backbone, with torchvision's names.
         validation: Training recordings to choose the best epoch by, separated by commas; they
             are not learned from.
-        epochs: Times that every image is seen.
-        batch_size: Images a step.
-        lr: Learning rate, the highest one if the schedule changes it.
-        weight_decay: Pull of the weights to zero.
-        schedule: constant; cosine: rises shortly, falls to zero; step: a tenth after every
-            third.
-        loss: learnable: position and rotation weighted by learned weights, L1. learnable-l2:
-            the same, L2. geometric: displacement of points before the camera.
-        position_weight: The learnable weight s_x at the start.
-        rotation_weight: The learnable weight s_q at the start.
         rotation: How the network says a rotation: log-quat (the paper's), quat, or 6d, which
             has no jump at half turns and suits places that one sees in all directions.
         resize: Size to which images are resized, pixels.
         crop: Size of the part that the network sees, pixels.
         dropout: While training; by default the model's.
         orientation_layers: Of MS-Transformer's orientation branch: 6 outdoors, 4 indoors.
-        jitter: Variation of brightness, contrast and saturation, 0 to 1.
-        hue: Variation of hue, 0 to 0.5.
-        turn_deg: Turn the camera by up to this angle about each axis and its pose with it,
-            instead of random crops; needs known intrinsics.
-        seed: Of everything random.
-        precision: auto: bf16 on GPUs that have it.
-        patience: Stop after so many epochs without improvement on the validation recordings.
-        devices: GPUs, or processes where there is no GPU.
-        nodes: Machines.
-        compile: Compile the network first (torch.compile).
         resume: Go on with the run in --out, as if it had not been stopped.
+        params: How it is trained.
     """
     require_torch("vioapr train")
-    from vioapr.regression.augmentation import AugmentationParams
-    from vioapr.regression.losses import LossParams
     from vioapr.regression.networks import check_model
-    from vioapr.regression.params import TrainingParams
-    from vioapr.regression.spec import RegressorSpec
+    from vioapr.regression.preparing import choose_frames, prepare_run
     from vioapr.regression.training import train as run_training
 
     if not scenes:
         raise ParameterError("SCENES: expected at least one scene's folder, got none")
     check_model(model)
     opened = [Scene.open(folder) for folder in scenes]
-    spec = RegressorSpec(
-        model, tuple(scene.name for scene in opened), rotation, resize, crop, dropout,
-        orientation_layers,
-    )  # fmt: skip
-    params = TrainingParams(
-        epochs, batch_size, lr, weight_decay, schedule, seed, precision, compile, patience,
-        devices, nodes, AugmentationParams(jitter, hue, turn_deg),
-        LossParams(loss, position_weight, rotation_weight),
-    )  # fmt: skip
+    names = tuple(scene.name for scene in opened)
+    spec = RegressorSpec(model, names, rotation, resize, crop, dropout, orientation_layers)
     folder = out or scenes[0] / "models" / model.replace(":", "-")
-    held_out = [id_ for id_ in validation.split(",") if id_]
-    run = prepare(opened, spec, params, folder, held_out, weights)
-    total = epochs * max(len(run.samples) // min(batch_size, len(run.samples)), 1)
-    with progress("training", total) as tick:
+    frames = choose_frames(opened, [id_ for id_ in validation.split(",") if id_])
+    with progress("reading images", frames.images) as tick:
+        run = prepare_run(opened, frames, spec, params, folder, weights, tick)
+    steps = params.stages[-1].last * batches_of_epoch(len(run.samples), params.batch_size).count
+    with progress("training", steps) as tick:
         journal = run_training(run._replace(tick=tick), resume=resume)
+    _print_result(journal, folder)
+
+
+def _print_result(journal: Journal, folder: Path) -> None:
     best = journal.epochs[journal.best]
     text = f"{len(journal.epochs)} epochs, {best['images_per_s']:.0f} images/s"
     if "validation_position_m" in best:
@@ -126,32 +90,3 @@ def train(
         )
     console.print(text)
     console.print(f"regressor: {folder}", soft_wrap=True)
-
-
-def prepare(
-    scenes: list[Scene], spec, params, folder: Path, held_out: list[str], weights: Path | None
-) -> Run:
-    """Load what a run needs: network, images, poses."""
-    import torch
-
-    from vioapr.regression.checkpoint import load_backbone_weights
-    from vioapr.regression.data import load_samples, split_frames
-    from vioapr.regression.networks import build
-    from vioapr.regression.training import Run, set_units
-
-    if len(set(spec.scenes)) < len(spec.scenes):
-        raise ParameterError(f"expected scenes of different names, got {', '.join(spec.scenes)}")
-    frames = split_frames(scenes, "train")
-    validating = split_frames(scenes, "train", held_out) if held_out else []
-    learning = [one for one in frames if one.recording not in held_out]
-    if not learning:
-        raise ParameterError("validation: expected to leave recordings to learn from, none is left")
-    with progress("reading images", sum(map(len, [*learning, *validating]))) as tick:
-        samples = load_samples(scenes, learning, spec.resize, tick)
-        checked = load_samples(scenes, validating, spec.resize, tick) if validating else None
-    torch.manual_seed(params.seed)
-    network = build(spec)
-    if weights is not None:
-        load_backbone_weights(network, weights)
-    set_units(network, samples)
-    return Run(spec, network, samples, checked, folder, params)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.deploy.contract import Contract, ContractError
+from vioapr.deploy.machine import cpu_model, resident_bytes
 from vioapr.deploy.runtime import open_session, session_options
 from vioapr.errors import MissingExtraError
 
@@ -47,14 +48,14 @@ def bench(
     Raises:
         ContractError: The file is not a whole localizer.
     """
-    before_mb = resident_mb()
+    before_mb = _resident_mb()
     session, contract = open_session(path, threads)
     if contract.part != "localizer":
         raise ContractError(f"{path}: expected a whole localizer, found part {contract.part!r}")
     feed = example_feed(contract, size)
     runs: dict[str, Callable[[], Any]] = {"whole": lambda: session.run(None, feed)}
     runs["whole"]()
-    whole_mb = resident_mb()
+    whole_mb = _resident_mb()
     note = None
     try:
         runs |= part_runs(path, contract, feed, threads)
@@ -171,20 +172,13 @@ def summarize_ms(seconds: list[float]) -> dict[str, float]:
     return {"p50": p50, "p95": p95, "p99": p99}
 
 
-def resident_mb() -> float | None:
-    """Memory of this process in RAM, or None where the system does not tell."""
-    statm = Path("/proc/self/statm")
-    if not statm.exists():
-        return None
-    return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+def _resident_mb() -> float | None:
+    size = resident_bytes()
+    return None if size is None else size / 1e6
 
 
 def _machine() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    name = models[0] if models else platform.processor() or platform.machine()
-    return f"{name}, {os.cpu_count()} cores, {platform.system()}"
+    return f"{cpu_model()}, {os.cpu_count()} cores, {platform.system()}"
 
 
 def _energy(run: Callable[[], Any], repeats: int) -> float | None:

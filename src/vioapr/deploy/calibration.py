@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from vioapr.deploy.preprocess import Preprocessor
-from vioapr.deploy.walk import read_image
 from vioapr.errors import FormatError
+from vioapr.recording.images import read_rgb
 from vioapr.recording.recording import IMAGES_FOLDER
 from vioapr.recording.scene import Scene
 
@@ -38,7 +38,7 @@ def training_images(
 
     def load() -> list[NDArray[np.float32]]:
         with torch.no_grad():
-            images = (torch.from_numpy(np.array(read_image(paths[row]))) for row in rows)
+            images = (torch.from_numpy(np.array(read_rgb(paths[row]))) for row in rows)
             return [preprocess(image).numpy() for image in images]
 
     return load

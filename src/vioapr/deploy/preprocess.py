@@ -14,9 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from vioapr.errors import ParameterError
-
-MEAN_RGB, STD_RGB = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""ImageNet's, of values from 0 to 1: what backbones are trained with."""
+from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
 
 _BLOCK = 16
 """Output rows that share a window of input rows."""
@@ -43,7 +41,7 @@ class Preprocessor(nn.Module):
             raise ParameterError(f"expected a crop of 1 to {resize} pixels, got {crop}")
         self.resize, self.crop = resize, crop
         # Grey levels to normalized values, folded into one factor and offset a channel.
-        mean, std = torch.tensor(MEAN_RGB), torch.tensor(STD_RGB)
+        mean, std = torch.tensor(IMAGE_MEAN), torch.tensor(IMAGE_STD)
         self.register_buffer("factor", (1 / (255 * std)).reshape(1, 3, 1, 1), persistent=False)
         self.register_buffer("offset", (-mean / std).reshape(1, 3, 1, 1), persistent=False)
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from vioapr.deploy.runtime import Located
-from vioapr.deploy.walk import WalkFrames, read_image
+from vioapr.deploy.walk import WalkFrames
 from vioapr.errors import FormatError, MissingExtraError
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
+from vioapr.recording.images import read_rgb
 
 STATUS_RGB: dict[Status, tuple[int, int, int]] = {
     Status.UNLOCALIZED: (120, 120, 120),
@@ -65,7 +66,7 @@ class BrowserView:
         rgb, place = STATUS_RGB[located.status], located.world_from_cam.translation_m
         at = {"position": place, "wxyz": located.world_from_cam.quat_xyzw[[3, 0, 1, 2]]}
         path = self._frames.images[row]
-        thumbnail = None if path is None else read_image(path)[::_THUMBNAIL_STEP, ::_THUMBNAIL_STEP]
+        thumbnail = None if path is None else read_rgb(path)[::_THUMBNAIL_STEP, ::_THUMBNAIL_STEP]
         scene.add_camera_frustum(
             f"/frames/{row}", _FOV_RAD, _ASPECT, color=rgb, image=thumbnail, **at
         )

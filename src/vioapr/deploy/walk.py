@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from vioapr.deploy.runtime import Located, OnnxLocalizer
 from vioapr.errors import FormatError, ParameterError
@@ -18,11 +17,12 @@ from vioapr.fusion.types import FrameInput
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.recording.frames import Tracking
+from vioapr.recording.images import read_rgb
 from vioapr.recording.importers.base import ImportOptions
 from vioapr.recording.importers.images import IMPORTER as IMAGES
 from vioapr.recording.recording import IMAGES_FOLDER, Recording
 from vioapr.recording.scene import RECORDINGS_FOLDER, Scene
-from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
+from vioapr.trajectory import Trajectory, poses_of_frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,14 +168,7 @@ class LocalizedWalk:
 
     def gt_world_from_cam(self, gt: Trajectory) -> Rigid3:
         """Ground truth of every frame, NaN where it has none."""
-        times = self.frames.timestamps_s
-        placeholder = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-        timed = Trajectory(times, np.zeros((len(times), 3)), placeholder)
-        pairs = associate(timed, gt, DEFAULT_TOLERANCE_S)
-        poses = Rigid3(np.full((len(times), 3), np.nan), np.full((len(times), 4), np.nan))
-        for all_, known in zip(poses, gt.target_from_source, strict=True):
-            all_[pairs.left_rows] = known[pairs.right_rows]
-        return poses
+        return poses_of_frames(gt, self.frames.timestamps_s)
 
     def _column(self, name: str) -> NDArray[np.float64]:
         return np.array([getattr(one, name) for one in self.located])
@@ -208,25 +201,10 @@ def _answers(
     for row, path in enumerate(frames.images):
         located = localizer.update(
             float(frames.timestamps_s[row]),
-            None if path is None else read_image(path),
+            None if path is None else read_rgb(path),
             frames.vio_from_cam.at(row) if has_pose[row] else None,
             tracking_reset=bool(frames.tracking_reset[row]),
         )
         if tick is not None:
             tick(located)
         yield located
-
-
-def read_image(path: Path) -> NDArray[np.uint8]:
-    """RGB pixels, shape (height, width, 3), as the sensor gave them: not turned upright.
-
-    Raises:
-        FormatError: It is missing or broken.
-    """
-    try:
-        with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"))
-    except FileNotFoundError:
-        raise FormatError(path, "expected an image, found no file of this name") from None
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise FormatError(path, f"expected an image, cannot be decoded: {error}") from None

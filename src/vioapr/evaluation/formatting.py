@@ -12,7 +12,7 @@ UNKNOWN = "–"
 
 
 def format_median(summary: Summary) -> str:
-    """Median position (m) and orientation error (deg), as in the paper's Tables 2 and 4."""
+    """Median position (m) and orientation error (deg), as in the paper's Tables 2 and 3."""
     return _format_errors(float(summary.median_m), float(summary.median_deg))
 
 
@@ -22,7 +22,7 @@ def format_p95(summary: Summary) -> str:
 
 
 def format_levels(summary: Summary) -> str:
-    """Shares (%) of the counted frames within each precision level, as in Tables 3 and 5."""
+    """Shares (%) of the counted frames within each precision level, as in Tables 4 and 5."""
     levels = [float(level) for level in (summary.high, summary.medium, summary.low)]
     if not any(math.isfinite(level) for level in levels):
         return UNKNOWN

@@ -15,7 +15,7 @@ from vioapr.formats.registry import read_trajectory
 from vioapr.formats.sigma import Sigmas, path_beside, read_sigmas
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
-from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
+from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, poses_of_frames
 
 
 @dataclass(frozen=True)
@@ -183,18 +183,8 @@ def _gt_of_frames(
     gt: Trajectory, frames: PairedFrames, is_timed: bool, tolerance_s: float
 ) -> Rigid3:
     """Ground truth of every frame, NaN where it has none."""
-    framed = Trajectory(
-        frames.timestamps_s,
-        frames.inputs.vio_from_cam.translation_m,
-        frames.inputs.vio_from_cam.quat_xyzw,
-        frames.names,
-        is_timed,
-    )
-    pairs = associate(framed, gt, tolerance_s)
-    if not len(pairs):
+    times_s = frames.timestamps_s if is_timed else None
+    poses = poses_of_frames(gt, times_s, frames.names, tolerance_s)
+    if np.isnan(poses.translation_m).all():
         raise AssociationError("no frame has ground truth: no common times or names")
-    positions = np.full((len(frames), 3), np.nan)
-    quats = np.full((len(frames), 4), np.nan)
-    positions[pairs.left_rows] = gt.positions_m[pairs.right_rows]
-    quats[pairs.left_rows] = gt.quats_xyzw[pairs.right_rows]
-    return Rigid3(positions, quats)
+    return poses

@@ -53,23 +53,11 @@ class PairGeometries(NamedTuple):
 
     def at(self, index: Any) -> PairGeometries:
         """Some of them."""
-        return PairGeometries(
-            self.rows[index],
-            self.inliers[index],
-            self.second_from_first[index],
-            self.direction[index],
-            self.turn_deg[index],
-        )
+        return PairGeometries._make(column[index] for column in self)
 
     def and_also(self, others: PairGeometries) -> PairGeometries:
         """These, then those."""
-        return PairGeometries(
-            np.concatenate([self.rows, others.rows]),
-            np.concatenate([self.inliers, others.inliers]),
-            np.concatenate([self.second_from_first, others.second_from_first]),
-            np.concatenate([self.direction, others.direction]),
-            np.concatenate([self.turn_deg, others.turn_deg]),
-        )
+        return PairGeometries._make(np.concatenate(both) for both in zip(self, others, strict=True))
 
 
 def read_geometries(

@@ -123,6 +123,38 @@ def decode_problem(path: Path) -> str | None:
     return None
 
 
+def read_rgb(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Decode an image, as the sensor gave it: not turned upright.
+
+    Args:
+        path: The file.
+        size: Width and height to resize to, whatever the image's shape, or None. Bilinear with
+            antialiasing: a triangle filter over the source's pixels.
+
+    Returns:
+        RGB, shape (height, width, 3).
+
+    Raises:
+        FormatError: It is missing or broken.
+    """
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            pixels = image.convert("RGB")
+            if size is not None:
+                pixels = pixels.resize(size, Image.Resampling.BILINEAR)
+            return np.asarray(pixels)
+    except FileNotFoundError:
+        raise FormatError(path, "expected an image, found no file of this name") from None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        problem = (
+            f"expected an image that can be decoded: {error}; "
+            f"vioapr scene check --decode finds all such images of a scene"
+        )
+        raise FormatError(path, problem) from None
+
+
 def encode_image(name: str, pixels: NDArray[np.uint8]) -> bytes:
     """Pixels as JPEG or, under a name ending in .png, as PNG.
 

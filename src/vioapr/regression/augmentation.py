@@ -6,15 +6,14 @@ same images on any device and any number of devices.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from vioapr.errors import ParameterError
 from vioapr.geometry import quaternion
+from vioapr.regression.params import AugmentationParams
 from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
 
 # Luma, and two axes of colour in which a turn is a change of hue (NTSC).
@@ -22,25 +21,6 @@ _YIQ = torch.tensor(
     [[0.299, 0.587, 0.114], [0.595716, -0.274453, -0.321263], [0.211456, -0.522591, 0.311135]]
 )
 _RGB = torch.linalg.inv(_YIQ)
-
-
-@dataclass(frozen=True)
-class AugmentationParams:
-    """How training images are varied."""
-
-    jitter: float = 0.5
-    """Brightness, contrast and saturation vary by up to this factor either way; 0: none."""
-    hue: float = 0.1
-    """Hue varies by up to this part of the colour circle either way."""
-    turn_deg: float = 0.0
-    """The camera is turned by up to this angle about each axis, and its pose with it: exact,
-    as a turn moves pixels whatever their depth. Needs known intrinsics, and replaces random
-    crops, which move the picture under a pose that stays."""
-
-    def __post_init__(self) -> None:
-        for name, most in (("jitter", 1.0), ("hue", 0.5), ("turn_deg", 60.0)):
-            if not 0 <= getattr(self, name) <= most:
-                raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(self, name)}")
 
 
 class Draw(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,8 +13,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vioapr.regression.augmentation import AugmentationParams, Draw, augment, draw
+from vioapr.regression.augmentation import Draw, augment, draw
 from vioapr.regression.data import Samples
+from vioapr.regression.params import AugmentationParams, batches_of_epoch
 
 _AHEAD = 2
 """Batches that are read while the device works."""
@@ -41,8 +43,8 @@ class Batch(NamedTuple):
 def epoch_order(count: int, batch_size: int, seed: int, epoch: int) -> list[NDArray[np.int64]]:
     """The samples of every batch of an epoch; what does not fill a batch waits for another."""
     order = np.random.default_rng([seed, 1, epoch]).permutation(count)
-    size = min(batch_size, count)
-    return [order[start : start + size] for start in range(0, count - size + 1, size)]
+    size, batches = batches_of_epoch(count, batch_size)
+    return [order[number * size : (number + 1) * size] for number in range(batches)]
 
 
 class BatchSource:
@@ -82,9 +84,15 @@ class BatchSource:
         ]
         self._resident = self._copy_if_small()
 
+    def varied_by(self, params: AugmentationParams) -> BatchSource:
+        """The same images in the same order, varied otherwise."""
+        other = copy.copy(self)
+        other._params = params
+        return other
+
     def __len__(self) -> int:
         """Batches in an epoch."""
-        return len(self._samples) // min(self._batch_size, len(self._samples))
+        return batches_of_epoch(len(self._samples), self._batch_size).count
 
     def epoch(self, number: int) -> Iterator[Batch]:
         """The batches of an epoch: this process's part of each."""

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from vioapr.errors import FormatError
+from vioapr.recording.images import read_rgb
 
 CACHE_FOLDER = ".cache"
 _VERSION = 1
@@ -27,8 +27,7 @@ _VERSION = 1
 def read_image(path: Path, resize: int) -> NDArray[np.uint8]:
     """An image, resized to resize x resize pixels whatever its shape, RGB.
 
-    Bilinear with antialiasing (a triangle filter over the source's pixels), as the paper's
-    implementations do.
+    Resized as the paper's implementations do, see `images.read_rgb`.
 
     Returns:
         Shape (resize, resize, 3).
@@ -36,15 +35,7 @@ def read_image(path: Path, resize: int) -> NDArray[np.uint8]:
     Raises:
         FormatError: It is missing or broken.
     """
-    try:
-        with Image.open(path) as image:
-            small = image.convert("RGB").resize((resize, resize), Image.Resampling.BILINEAR)
-            return np.asarray(small)
-    except FileNotFoundError:
-        raise FormatError(path, "expected an image, found no file of this name") from None
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        problem = f"expected an image that can be decoded: {error}; see vioapr scene check --decode"
-        raise FormatError(path, problem) from None
+    return read_rgb(path, (resize, resize))
 
 
 def read_images(paths: Sequence[Path], resize: int) -> Iterator[NDArray[np.uint8]]:

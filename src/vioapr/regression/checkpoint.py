@@ -17,10 +17,10 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from vioapr.errors import FormatError, ParameterError
+from vioapr.regression.files import REGRESSOR_FILE, note_of
 from vioapr.regression.networks import PoseNetwork, build
 from vioapr.regression.spec import RegressorSpec
 
-REGRESSOR_FILE, STATE_FILE = "regressor.safetensors", "state.safetensors"
 _FORMATS = {"regressor": "vioapr regressor", "state": "vioapr training state"}
 _VERSION = 1
 _HEADER = "vioapr"
@@ -117,7 +117,7 @@ def save_tensors(
     header = {"format": _FORMATS[kind], "version": _VERSION, **content}
     owned = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     partial = path.with_name(f".{path.name}.partial")
-    note = path.with_suffix(".json")
+    note = note_of(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         save_file(owned, partial, metadata={_HEADER: json.dumps(header)})

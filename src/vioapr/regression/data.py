@@ -14,10 +14,7 @@ from vioapr.errors import FormatError, TrainingError
 from vioapr.recording.recording import IMAGES_FOLDER
 from vioapr.recording.scene import Scene
 from vioapr.regression.cache import CACHE_FOLDER, cached_images
-from vioapr.trajectory import Trajectory, nearest_rows
-
-GT_TOLERANCE_S = 0.01
-"""Largest difference between a frame's time and its ground truth's."""
+from vioapr.trajectory import poses_of_frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +54,10 @@ def posed_frames(scene: Scene, id_: str) -> PosedFrames:
         problem = "expected ground truth, found none: run vioapr map, or import it"
         raise FormatError(scene.gt_path(id_), problem)
     frames = scene.recording(id_).frames
-    rows, gt_rows = _match(frames.timestamp_s, frames.has_image, gt)
+    rows = np.flatnonzero(frames.has_image)
+    poses = poses_of_frames(gt, frames.timestamp_s[rows])
+    has_gt = np.isfinite(poses.translation_m[:, 0])
+    poses, rows = poses.at(has_gt), rows[has_gt]
     folder = scene.recording_folder(id_) / IMAGES_FOLDER
     chosen = frames.at_rows(rows)
     width, height, fx, fy, cx, cy = (np.asarray(column) for column in chosen.intrinsics)
@@ -66,20 +66,10 @@ def posed_frames(scene: Scene, id_: str) -> PosedFrames:
         id_,
         tuple(folder / name for name in chosen.image),
         chosen.timestamp_s,
-        gt.positions_m[gt_rows],
-        gt.quats_xyzw[gt_rows],
+        poses.translation_m,
+        poses.quat_xyzw,
         np.stack([fx / width, fy / height, cx / width, cy / height], axis=-1),
     )
-
-
-def _match(
-    times_s: NDArray[np.float64], has_image: NDArray[np.bool_], gt: Trajectory
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of frames and of ground truth that belong together."""
-    nearest = nearest_rows(times_s, gt.timestamps_s)
-    is_near = np.abs(gt.timestamps_s[nearest] - times_s) <= GT_TOLERANCE_S
-    rows = np.flatnonzero(is_near & has_image)
-    return rows, nearest[rows]
 
 
 def split_frames(

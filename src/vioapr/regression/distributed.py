@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
 import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
-from torch.distributed.nn.functional import all_reduce
+from torch.nn.modules.batchnorm import _BatchNorm
 
 from vioapr.errors import ParameterError
 from vioapr.regression.params import TrainingParams
@@ -13,6 +17,9 @@ from vioapr.regression.params import TrainingParams
 
 def start_fabric(params: TrainingParams) -> Fabric:
     """Start the processes of a run; with one device nothing is started.
+
+    The other processes are this program, started again with the same arguments: what comes
+    before this call happens in each of them.
 
     Raises:
         ParameterError: This machine has fewer GPUs than asked for.
@@ -40,22 +47,55 @@ def start_fabric(params: TrainingParams) -> Fabric:
     return fabric
 
 
+@contextlib.contextmanager
+def ending_together(fabric: Fabric) -> Iterator[None]:
+    """End the processes that this one started where it fails: they would wait for it forever."""
+    try:
+        yield
+    except BaseException:
+        launcher = fabric.strategy.launcher
+        for process in getattr(launcher, "procs", ()):
+            process.kill()
+        raise
+
+
+def mean_of_processes(fabric: Fabric, value: Tensor) -> Tensor:
+    """Of a value that every process has, without gradient."""
+    if fabric.world_size == 1:
+        return value.detach()
+    summed = value.detach().clone()
+    torch.distributed.all_reduce(summed)
+    return summed / fabric.world_size
+
+
 def synchronize_norms(network: nn.Module, fabric: Fabric) -> None:
-    """Let batch normalization see the batch of all processes, as one process would."""
+    """Let batch normalization see the batch of all processes, as one process would.
+
+    Raises:
+        ParameterError: There are several, and the network normalizes in a way of its own.
+    """
     if fabric.world_size == 1:
         return
     for name, module in list(network.named_modules()):
-        if isinstance(module, nn.BatchNorm2d):
-            parent = network.get_submodule(name.rpartition(".")[0])
-            setattr(parent, name.rpartition(".")[2], _synchronized(module, fabric))
+        if not isinstance(module, _BatchNorm):
+            continue
+        if type(module) is not nn.BatchNorm2d:
+            raise ParameterError(
+                f"devices: expected 1 for a network with {type(module).__name__}, which "
+                f"processes cannot share, got {fabric.world_size}"
+            )
+        parent = network.get_submodule(name.rpartition(".")[0])
+        setattr(parent, name.rpartition(".")[2], _synchronized(module, fabric))
 
 
 def _synchronized(norm: nn.BatchNorm2d, fabric: Fabric) -> nn.Module:
+    """With the same parameters, which an optimizer may know already."""
     if fabric.device.type == "cuda":
         return nn.SyncBatchNorm.convert_sync_batchnorm(norm)
     shared = SharedBatchNorm(norm.num_features, norm.eps, norm.momentum)
+    shared.weight, shared.bias = norm.weight, norm.bias
     shared.load_state_dict(norm.state_dict())
-    return shared
+    return shared.train(norm.training)
 
 
 class SharedBatchNorm(nn.BatchNorm2d):
@@ -66,9 +106,9 @@ class SharedBatchNorm(nn.BatchNorm2d):
         if not self.training:
             return super().forward(input)
         count = torch.distributed.get_world_size()
-        mean = all_reduce(input.mean(dim=(0, 2, 3))) / count
+        mean = _SumOfProcesses.apply(input.mean(dim=(0, 2, 3))) / count
         centred = input - mean[:, None, None]
-        variance = all_reduce(centred.square().mean(dim=(0, 2, 3))) / count
+        variance = _SumOfProcesses.apply(centred.square().mean(dim=(0, 2, 3))) / count
         self._remember(mean.detach(), variance.detach(), input[:, 0].numel() * count)
         scale = self.weight * torch.rsqrt(variance + self.eps)
         return centred * scale[:, None, None] + self.bias[:, None, None]
@@ -80,3 +120,21 @@ class SharedBatchNorm(nn.BatchNorm2d):
         self.running_mean.lerp_(mean, momentum)  # type: ignore[union-attr]
         self.running_var.lerp_(unbiased, momentum)  # type: ignore[union-attr]
         self.num_batches_tracked.add_(1)  # type: ignore[union-attr]
+
+
+class _SumOfProcesses(torch.autograd.Function):
+    """A tensor summed over all processes; so is its gradient, as each loss depends on each part."""
+
+    @staticmethod
+    def forward(ctx: Any, part: Tensor) -> Tensor:
+        del ctx
+        summed = part.clone()
+        torch.distributed.all_reduce(summed)
+        return summed
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Tensor:
+        del ctx
+        summed = grads[0].contiguous().clone()
+        torch.distributed.all_reduce(summed)
+        return summed

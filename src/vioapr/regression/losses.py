@@ -2,51 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from vioapr.errors import ParameterError
 from vioapr.geometry import quaternion
 from vioapr.regression.networks.base import PoseNetwork, Raw
-
-LossName = Literal["learnable", "learnable-l2", "geometric"]
-
-
-@dataclass(frozen=True)
-class LossParams:
-    """Which loss, and where its weights start."""
-
-    loss: LossName = "learnable"
-    """learnable: L_x exp(-s_x) + s_x + L_q exp(-s_q) + s_q with learned s, L1 norms (Kendall and
-    Cipolla, CVPR 2017; geomapnet). learnable-l2: the same with L2 norms (MS-Transformer).
-    geometric: how far a turned and moved camera displaces points before it; no weights."""
-    position_weight: float = 0.0
-    """s_x at the start."""
-    rotation_weight: float = -3.0
-    """s_q at the start."""
-    depth: float = 1.0
-    """Of the points of the geometric loss, in standard deviations of the cameras' positions."""
-
-    def __post_init__(self) -> None:
-        if self.loss not in ("learnable", "learnable-l2", "geometric"):
-            raise ParameterError(
-                f"loss: expected learnable, learnable-l2 or geometric, got {self.loss!r}"
-            )
-        if not 0 < self.depth < 1000:
-            raise ParameterError(f"depth: expected above 0 and below 1000, got {self.depth}")
+from vioapr.regression.params import LossParams
 
 
 class PoseLoss(nn.Module):
-    """The loss of a batch, with the weights that it learns."""
+    """The loss of a batch, with the weights that it learns.
+
+    Attributes:
+        is_of_positions: Whether the error of positions is all that counts.
+    """
 
     def __init__(self, params: LossParams) -> None:
         """With the weights at their start."""
         super().__init__()
-        self.params = params
+        self.params, self.is_of_positions = params, False
         start = torch.tensor([params.position_weight, params.rotation_weight])
         self.weights = nn.Parameter(start, requires_grad=params.loss != "geometric")
 
@@ -63,6 +38,8 @@ class PoseLoss(nn.Module):
             scene: (B,), true.
         """
         off = raw.position - position
+        if self.is_of_positions:
+            return self._size(off) + _uncertainty(network, raw, off, quat_xyzw)
         if self.params.loss == "geometric":
             pose = self._geometric(network, raw, off, quat_xyzw)
         else:
@@ -73,12 +50,14 @@ class PoseLoss(nn.Module):
         return loss
 
     def _weighted(self, off: Tensor, turned: Tensor) -> Tensor:
-        if self.params.loss == "learnable":
-            sizes = torch.stack([off.abs().mean(), turned.abs().mean()])
-        else:
-            norms = (torch.linalg.vector_norm(one, dim=-1).mean() for one in (off, turned))
-            sizes = torch.stack(list(norms))
+        sizes = torch.stack([self._size(off), self._size(turned)])
         return (sizes * torch.exp(-self.weights) + self.weights).sum()
+
+    def _size(self, differences: Tensor) -> Tensor:
+        """Mean over B differences (B, k)."""
+        if self.params.loss == "learnable-l2":
+            return torch.linalg.vector_norm(differences, dim=-1).mean()
+        return differences.abs().mean()
 
     def _geometric(self, network: PoseNetwork, raw: Raw, off: Tensor, quat_xyzw: Tensor) -> Tensor:
         """Mean L1 displacement of points straight ahead and to all sides of the view."""

@@ -17,7 +17,7 @@ from vioapr.recording.recording import IMAGES_FOLDER
 from vioapr.recording.scene import Scene
 from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.cache import read_images
-from vioapr.regression.checkpoint import LoadedRegressor
+from vioapr.regression.checkpoint import LoadedRegressor, load
 from vioapr.regression.networks import PoseNetwork
 from vioapr.trajectory import Trajectory
 
@@ -48,20 +48,18 @@ def predict_images(
     crop: int,
     *,
     batch_size: int = 32,
-    device: torch.device | None = None,
     tick: Callable[[], object] = lambda: None,
 ) -> Predicted:
     """Predict the poses of images.
 
     Args:
-        network: In evaluation mode, on the device.
+        network: In evaluation mode, on any device.
         images: Each of shape (resize, resize, 3), RGB.
         crop: Size of the middle part that the network sees.
         batch_size: Images at once.
-        device: Where the network is; None for the CPU.
         tick: Called after every image.
     """
-    device = device or torch.device("cpu")
+    device = network.size_m.device
     columns: list[list[NDArray]] = [[] for _ in Predicted._fields]
     for batch in _batched(images, batch_size):
         with torch.inference_mode():
@@ -96,7 +94,6 @@ def predict_recording(
     id_: str,
     *,
     batch_size: int = 32,
-    device: torch.device | None = None,
     tick: Callable[[], object] = lambda: None,
 ) -> tuple[Trajectory, Predicted]:
     """The poses of all images of a recording, with or without ground truth.
@@ -111,13 +108,69 @@ def predict_recording(
         raise FormatError(folder, "expected images, found none")
     images = read_images([folder / frames.image[row] for row in rows], regressor.spec.resize)
     predicted = predict_images(
-        regressor.network, images, regressor.spec.crop,
-        batch_size=batch_size, device=device, tick=tick,
-    )  # fmt: skip
+        regressor.network, images, regressor.spec.crop, batch_size=batch_size, tick=tick
+    )
     poses = Trajectory.from_arrays(
         frames.timestamp_s[rows], predicted.position_m, predicted.quat_xyzw
     )
     return poses, predicted
+
+
+class PredictedWalk(NamedTuple):
+    """What was written of a recording.
+
+    Attributes:
+        id: The recording's.
+        scene: Shape (n,), number of the scene that the network sees in each image.
+        can_be_evaluated: Whether there are ground truth and VIO beside the predictions.
+    """
+
+    id: str
+    scene: NDArray[np.int64]
+    can_be_evaluated: bool
+
+
+def load_predictor(path: Path) -> LoadedRegressor:
+    """As `checkpoint.load`, on the GPU if there is one.
+
+    Raises:
+        FormatError: It is missing, broken, half-written or something else.
+    """
+    regressor = load(path)
+    regressor.network.to("cuda" if torch.cuda.is_available() else "cpu")
+    return regressor
+
+
+def predict_walks(
+    regressor: LoadedRegressor,
+    scene: Scene,
+    ids: Sequence[str],
+    folder: Path,
+    name: str,
+    *,
+    batch_size: int = 32,
+    tick: Callable[[], object] = lambda: None,
+) -> Iterator[PredictedWalk]:
+    """Predict recordings, one after the other, and write each as `evaluate` takes it.
+
+    Args:
+        regressor: On any device.
+        scene: Whose recordings.
+        ids: Which.
+        folder: Each recording's files go into a folder of its own in this one.
+        name: Of the predictions' files, see `write_prediction`.
+        batch_size: Images at once.
+        tick: Called after every image.
+
+    Raises:
+        FormatError: A recording has no images, is broken, or a file cannot be written.
+    """
+    for id_ in ids:
+        poses, predicted = predict_recording(
+            regressor, scene, id_, batch_size=batch_size, tick=tick
+        )
+        write_prediction(folder / id_, name, poses, predicted)
+        yield PredictedWalk(id_, predicted.scene, write_walk(folder / id_, scene, id_))
 
 
 def write_prediction(folder: Path, name: str, poses: Trajectory, predicted: Predicted) -> Path:

@@ -9,80 +9,28 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import torch
 from lightning_fabric import Fabric
-from torch import Tensor, nn
+from torch import Tensor
+from torch.optim import Optimizer
 
 from vioapr.errors import FormatError, ParameterError, TrainingError
 from vioapr.regression.batches import Batch, BatchSource
-from vioapr.regression.checkpoint import (
-    REGRESSOR_FILE,
-    STATE_FILE,
-    load_tensors,
-    save_regressor,
-    save_tensors,
+from vioapr.regression.checkpoint import save_regressor
+from vioapr.regression.distributed import (
+    ending_together,
+    mean_of_processes,
+    start_fabric,
+    synchronize_norms,
 )
-from vioapr.regression.data import Samples
-from vioapr.regression.distributed import start_fabric, synchronize_norms
+from vioapr.regression.files import REGRESSOR_FILE, STATE_FILE
 from vioapr.regression.journal import Journal
-from vioapr.regression.losses import LossParams, PoseLoss
+from vioapr.regression.learner import Learner, Run
 from vioapr.regression.networks import PoseNetwork
-from vioapr.regression.params import TrainingParams
-from vioapr.regression.spec import RegressorSpec
+from vioapr.regression.params import Stage
+from vioapr.regression.state import OptimizerStates, restore_state, save_state
 from vioapr.regression.validation import validate
-
-
-class Learner(nn.Module):
-    """A network with its loss: what a step runs forwards."""
-
-    def __init__(self, network: PoseNetwork, loss: LossParams) -> None:
-        """Of a network."""
-        super().__init__()
-        self.network, self.loss = network, PoseLoss(loss)
-
-    def forward(self, batch: Batch) -> Tensor:
-        """The mean loss of a batch."""
-        raw = self.network.forward_raw(batch.images, batch.scene)
-        with torch.autocast(batch.images.device.type, enabled=False):
-            raw = raw._replace(**{
-                name: value.float() for name, value in raw._asdict().items() if value is not None
-            })  # fmt: skip
-            position = self.network.to_unit(batch.position_m, batch.scene)
-            return self.loss(self.network, raw, position, batch.quat_xyzw, batch.scene)
-
-
-class Run(NamedTuple):
-    """What a training run is about.
-
-    Attributes:
-        spec: The regressor's.
-        network: With its first weights and its scenes' units.
-        samples: To learn from.
-        validation: To choose the best epoch by, or None: then the last one is.
-        folder: Where checkpoints go.
-        params: The loop's.
-        tick: Called after every step.
-    """
-
-    spec: RegressorSpec
-    network: PoseNetwork
-    samples: Samples
-    validation: Samples | None
-    folder: Path
-    params: TrainingParams
-    tick: Callable[[], object] = lambda: None
-
-
-def set_units(network: PoseNetwork, samples: Samples) -> None:
-    """The units of all scenes, from their training cameras."""
-    for scene in range(len(network.size_m)):
-        position_m = samples.position_m[samples.scene == scene]
-        size_m = float(position_m.std(axis=0).max())
-        centre_m = torch.as_tensor(position_m.mean(axis=0), dtype=torch.float32)
-        network.set_unit(scene, centre_m, max(size_m, 1e-3))
 
 
 def train(run: Run, *, resume: bool = False) -> Journal:
@@ -101,35 +49,73 @@ def train(run: Run, *, resume: bool = False) -> Journal:
         FormatError: A checkpoint is broken or cannot be written.
     """
     _check(run, resume)
-    fabric = start_fabric(run.params)
     learner = Learner(run.network, run.params.loss)
     learner.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-    optimizer = torch.optim.Adam(
-        [p for p in learner.parameters() if p.requires_grad],
-        lr=run.params.lr, weight_decay=run.params.weight_decay,
-    )  # fmt: skip
-    journal = Journal.empty()
+    journal, optimizer_states = Journal.empty(), {}
     if resume:
-        journal = _restore(run, learner, optimizer)
+        journal, optimizer_states = restore_state(run, learner)
+    fabric = start_fabric(run.params)
+    with ending_together(fabric):
+        _learn(run, fabric, learner, journal, optimizer_states)
+    return journal
+
+
+def _learn(
+    run: Run, fabric: Fabric, learner: Learner, journal: Journal, optimizer_states: OptimizerStates
+) -> None:
+    """The epochs that are left."""
+    # Before there is an optimizer: a state that it is given goes where the parameters are.
+    learner.to(fabric.device)
     synchronize_norms(learner, fabric)
-    wrapped, optimizer = fabric.setup(learner, optimizer, _reapply_compile=False)
-    step = torch.compile(wrapped) if run.params.compile else wrapped
     part = (fabric.global_rank, fabric.world_size)
     source = BatchSource(
         run.samples, run.spec.crop, run.params.augmentation, run.params.batch_size,
         run.params.seed, fabric.device, part,
     )  # fmt: skip
-    _skip_ticks(run, len(source) * len(journal.epochs))
+    for _ in range(len(source) * len(journal.epochs)):
+        run.tick()
     with journal.tensorboard(run.folder, fabric.is_global_zero):
-        for epoch in range(len(journal.epochs), run.params.epochs):
-            record = _run_epoch(run, fabric, step, learner, optimizer, source, epoch)
-            if fabric.is_global_zero:
-                _finish_epoch(run, learner, optimizer, journal, record)
-            else:
-                journal.add(record)
-            if fabric.broadcast(journal.is_stale(run.params.patience)):
-                break
-    return journal
+        for stage in run.params.stages:
+            if len(journal.epochs) >= stage.last:
+                continue
+            if stage.is_of_positions:
+                learner.learn_positions_alone()
+            is_begun = stage.first < len(journal.epochs)
+            optimizer = _make_optimizer(run, learner, optimizer_states if is_begun else {})
+            _run_stage(run, fabric, learner, optimizer, source, stage, journal)
+
+
+def _make_optimizer(run: Run, learner: Learner, states: OptimizerStates) -> Optimizer:
+    optimizer = torch.optim.Adam(
+        [p for p in learner.parameters() if p.requires_grad],
+        lr=run.params.lr, eps=run.params.eps, weight_decay=run.params.weight_decay,
+    )  # fmt: skip
+    groups = optimizer.state_dict()["param_groups"]
+    optimizer.load_state_dict({"state": states, "param_groups": groups})
+    return optimizer
+
+
+def _run_stage(
+    run: Run,
+    fabric: Fabric,
+    learner: Learner,
+    optimizer: Optimizer,
+    source: BatchSource,
+    stage: Stage,
+    journal: Journal,
+) -> None:
+    """Its epochs that are left."""
+    wrapped, optimizer = fabric.setup(learner, optimizer, _reapply_compile=False)
+    step = torch.compile(wrapped) if run.params.compile else wrapped
+    source = source.varied_by(stage.augmentation)
+    for epoch in range(len(journal.epochs), stage.last):
+        record = _run_epoch(run, fabric, step, learner, optimizer, source, stage, epoch)
+        if fabric.is_global_zero:
+            _finish_epoch(run, learner, optimizer, journal, record)
+        else:
+            journal.add(record)
+        if fabric.broadcast(journal.is_stale(run.params.patience)):
+            break
 
 
 def _check(run: Run, resume: bool) -> None:
@@ -141,6 +127,11 @@ def _check(run: Run, resume: bool) -> None:
         )
     if resume and not state.exists():
         raise FormatError(state, "expected the state of a training run to resume, found none")
+    processes = run.params.devices * run.params.nodes
+    if len(run.samples) < processes:
+        raise ParameterError(
+            f"devices: expected at most {len(run.samples)}, the training images, got {processes}"
+        )
     turns = run.params.augmentation.turn_deg > 0
     if turns and not (run.samples.camera == run.samples.camera).all():
         raise TrainingError(
@@ -149,28 +140,26 @@ def _check(run: Run, resume: bool) -> None:
         )
 
 
-def _skip_ticks(run: Run, steps: int) -> None:
-    for _ in range(steps):
-        run.tick()
-
-
 def _run_epoch(
     run: Run,
     fabric: Fabric,
     step: Callable[[Batch], Tensor],
     learner: Learner,
-    optimizer: Any,
+    optimizer: Optimizer,
     source: BatchSource,
+    stage: Stage,
     epoch: int,
 ) -> dict[str, float]:
     """One pass over the samples; returns what happened."""
-    torch.manual_seed(run.params.seed * 1_000_003 + epoch)
+    # What is dropped is not the same in every process, as it is not in every image.
+    torch.manual_seed((run.params.seed + fabric.global_rank) * 1_000_003 + epoch)
     learner.train()
     began, images = time.perf_counter(), 0
     total = torch.zeros((), device=fabric.device)
     lr = 0.0
     for number, batch in enumerate(source.epoch(epoch)):
-        lr = run.params.lr_at(epoch * len(source) + number, run.params.epochs * len(source))
+        done = (epoch - stage.first) * len(source) + number
+        lr = run.params.lr_at(done, stage.epochs * len(source))
         for group in optimizer.param_groups:
             group["lr"] = lr
         with _explained(run):
@@ -178,19 +167,19 @@ def _run_epoch(
             fabric.backward(loss)
             optimizer.step()
             optimizer.zero_grad()
-        total += loss.detach()
-        images += run.params.batch_size
+        total += mean_of_processes(fabric, loss)
+        images += len(batch.images) * fabric.world_size
         if fabric.device.type == "cpu":  # elsewhere looking at every step would wait for it
-            _check_loss(run, total, epoch, number)
+            _check_loss(run, fabric, total, epoch, number)
         run.tick()
-    _check_loss(run, total, epoch, len(source) - 1)
+    _check_loss(run, fabric, total, epoch, len(source) - 1)
     record = {
         "loss": float(total) / len(source),
         "lr": lr,
         "images_per_s": images / (time.perf_counter() - began),
     }
     if run.validation is not None and fabric.is_global_zero:
-        found = validate(learner.network, run.validation, run.spec.crop, fabric.device)
+        found = validate(learner.network, run.validation, run.spec.crop)
         record |= {f"validation_{name}": value for name, value in found.items()}
     return record
 
@@ -199,8 +188,9 @@ def _channels_last(batch: Batch) -> Batch:
     return batch._replace(images=batch.images.contiguous(memory_format=torch.channels_last))
 
 
-def _check_loss(run: Run, total: Tensor, epoch: int, step: int) -> None:
-    if bool(torch.isfinite(total)):
+def _check_loss(run: Run, fabric: Fabric, total: Tensor, epoch: int, step: int) -> None:
+    # All processes have the same total; the first says what is wrong with it.
+    if not fabric.is_global_zero or bool(torch.isfinite(total)):
         return
     state = run.folder / STATE_FILE
     kept = (
@@ -231,17 +221,13 @@ def _explained(run: Run) -> Iterator[None]:
 
 
 def _finish_epoch(
-    run: Run, learner: Learner, optimizer: Any, journal: Journal, record: dict[str, float]
+    run: Run, learner: Learner, optimizer: Optimizer, journal: Journal, record: dict[str, float]
 ) -> None:
     """Write the state, and the regressor if it is the best so far."""
     journal.add(record)
     if journal.is_best_last:
         _save_best(run, learner.network, journal)
-    tensors = {f"learner.{name}": value for name, value in learner.state_dict().items()}
-    for number, state in optimizer.state_dict()["state"].items():
-        tensors |= {f"optimizer.{number}.{name}": value for name, value in state.items()}
-    content = {"run": _identity(run), "epochs": journal.epochs}
-    save_tensors(run.folder / STATE_FILE, "state", tensors, content)
+    save_state(run, learner, optimizer, journal)
 
 
 def _save_best(run: Run, network: PoseNetwork, journal: Journal) -> None:
@@ -257,50 +243,3 @@ def _save_best(run: Run, network: PoseNetwork, journal: Journal) -> None:
     }  # fmt: skip
     save_regressor(run.folder / REGRESSOR_FILE, network, run.spec, trained)
     network.sigma_scale.copy_(before)
-
-
-def _identity(run: Run) -> dict[str, Any]:
-    """What must be the same for a run to be resumed."""
-    kept = {"devices", "nodes", "compile", "patience"}
-    params = {name: value for name, value in run.params.to_json().items() if name not in kept}
-    return {
-        "spec": {**run.spec.to_json(), "scenes": list(run.spec.scenes)},
-        "params": params,
-        "samples": run.samples.fingerprint,
-    }
-
-
-def _restore(run: Run, learner: Learner, optimizer: torch.optim.Adam) -> Journal:
-    path = run.folder / STATE_FILE
-    tensors, content = load_tensors(path, "state")
-    own = _identity(run)
-    for part, values in own.items():
-        given = content.get("run", {}).get(part)
-        if given != values:
-            raise ParameterError(f"{path}: {_describe_change(part, given, values)}")
-    learner.load_state_dict(
-        {
-            name.removeprefix("learner."): value
-            for name, value in tensors.items()
-            if name.startswith("learner.")
-        }
-    )
-    states: dict[int, dict[str, Tensor]] = {}
-    for name, value in tensors.items():
-        if name.startswith("optimizer."):
-            _, number, key = name.split(".", 2)
-            states.setdefault(int(number), {})[key] = value
-    groups = optimizer.state_dict()["param_groups"]
-    optimizer.load_state_dict({"state": states, "param_groups": groups})
-    return Journal(list(content["epochs"]))
-
-
-def _describe_change(part: str, given: Any, values: Any) -> str:
-    if part == "samples" or not isinstance(given, dict):
-        return "expected to resume with the same images and poses, they have changed"
-    changed = [name for name in values if given.get(name) != values[name]]
-    return (
-        f"expected to resume with the same {part}, {', '.join(changed)} differ: "
-        f"{', '.join(str(given.get(name)) for name in changed)} then, "
-        f"{', '.join(str(values[name]) for name in changed)} now"
-    )

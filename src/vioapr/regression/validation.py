@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from vioapr.geometry import quaternion
@@ -16,9 +15,7 @@ _MEDIAN_OF_MEAN = 0.891
 a gamma-distributed number of shape 3."""
 
 
-def validate(
-    network: PoseNetwork, samples: Samples, crop: int, device: torch.device
-) -> dict[str, float]:
+def validate(network: PoseNetwork, samples: Samples, crop: int) -> dict[str, float]:
     """Median errors, and by how much the stated uncertainties are too small.
 
     Returns:
@@ -28,7 +25,7 @@ def validate(
     was_training = network.training
     network.eval()
     images = (image for recording in samples.images for image in recording)
-    predicted = predict_images(network, images, crop, device=device)
+    predicted = predict_images(network, images, crop)
     network.train(was_training)
     off_m = np.abs(predicted.position_m - samples.position_m)
     said = quaternion.normalize(predicted.quat_xyzw)

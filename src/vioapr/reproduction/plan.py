@@ -117,9 +117,10 @@ def keep_settings(training: Training) -> None:
         write_text(path, json.dumps(own, indent=1) + "\n")
         return
     try:
-        noted = json.loads(read_text(path))
+        # A setting that is newer than the note was what is a recipe's default now.
+        noted = Recipe().to_json() | json.loads(read_text(path))
         changed = [name for name in own if noted.get(name) != own[name]]
-    except (ValueError, AttributeError) as error:
+    except (ValueError, TypeError) as error:
         raise FormatError(path, f"expected a training's settings: {error}") from None
     if changed:
         raise ParameterError(

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vioapr.recording.scene import Scene
+from vioapr.regression.files import REGRESSOR_FILE, STATE_FILE, note_of
+from vioapr.regression.params import batches_of_epoch
 from vioapr.reproduction.plan import Training
 
 PREDICTED_FILE = "predicted.json"
-STATE_NOTE, REGRESSOR_FILE = "state.json", "regressor.safetensors"
-"""As training writes them: named here so that looking does not import PyTorch."""
 
 
 class Work(NamedTuple):
@@ -35,21 +35,16 @@ class Work(NamedTuple):
         return self.train + self.predict
 
 
-def steps_of_epoch(images: int, batch_size: int) -> int:
-    """How many batches an epoch has."""
-    return max(images // min(batch_size, images), 1)
-
-
 def finished_epochs(training: Training) -> int:
     """How many epochs are on disk."""
-    content = _read(training.folder / STATE_NOTE)
+    content = _read(note_of(training.folder / STATE_FILE))
     return len(content.get("epochs", ()))
 
 
 def is_trained(training: Training) -> bool:
     """Whether nothing is left to learn."""
     has_regressor = (training.folder / REGRESSOR_FILE).exists()
-    return has_regressor and finished_epochs(training) >= training.recipe.epochs
+    return has_regressor and finished_epochs(training) >= training.recipe.all_epochs
 
 
 def predicted_note(training: Training, scene: str) -> dict[str, Any] | None:
@@ -75,9 +70,9 @@ def work_of(training: Training, scenes: Mapping[str, Scene]) -> Work:
     done = is_trained(training)
     if not done:
         images = sum(count_images(scene, "train") for scene in members)
-        batch = min(training.recipe.batch_size, max(images, 1))
-        left = max(training.recipe.epochs - finished_epochs(training), 0)
-        learned = images + left * batch * steps_of_epoch(max(images, 1), batch)
+        batch, steps = batches_of_epoch(images, training.recipe.batch_size)
+        left = max(training.recipe.all_epochs - finished_epochs(training), 0)
+        learned = images + left * batch * steps
     open_ = tuple(
         name for name in training.scenes if not done or predicted_note(training, name) is None
     )

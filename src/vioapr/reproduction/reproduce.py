@@ -110,7 +110,7 @@ def _run_all(
         for number, (training, _) in enumerate(open_, start=done + 1):
             place = f"{training.title} ({number} of {len(trainings)})"
             begun = finished_epochs(training)
-            say(f"{place}: epochs {begun} of {training.recipe.epochs} done, going on")
+            say(f"{place}: epochs {begun} of {training.recipe.all_epochs} done, going on")
             run_training(training, scenes, tick)
             say(f"{place}: trained, predicted")
 

@@ -5,26 +5,27 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 
-import torch
-
 from vioapr.formats.base import write_text
 from vioapr.recording.scene import Scene
-from vioapr.regression.augmentation import AugmentationParams
-from vioapr.regression.checkpoint import STATE_FILE, LoadedRegressor, load, load_backbone_weights
-from vioapr.regression.data import load_samples, split_frames
-from vioapr.regression.losses import LossParams
-from vioapr.regression.networks import build
-from vioapr.regression.params import TrainingParams
-from vioapr.regression.prediction import predict_recording, write_prediction, write_walk
+from vioapr.regression.checkpoint import LoadedRegressor
+from vioapr.regression.files import STATE_FILE
+from vioapr.regression.params import (
+    AugmentationParams,
+    LossParams,
+    PositionStageParams,
+    TrainingParams,
+    batches_of_epoch,
+)
+from vioapr.regression.prediction import load_predictor, predict_walks
+from vioapr.regression.preparing import choose_frames, prepare_run
 from vioapr.regression.spec import RegressorSpec
-from vioapr.regression.training import Run, set_units, train
+from vioapr.regression.training import train
 from vioapr.reproduction.plan import Training
 from vioapr.reproduction.progress import (
     PREDICTED_FILE,
     finished_epochs,
     is_trained,
     regressor_digest,
-    steps_of_epoch,
     work_of,
 )
 from vioapr.reproduction.recipes import Recipe
@@ -48,28 +49,21 @@ def run_training(training: Training, scenes: Mapping[str, Scene], tick: Tick) ->
     open_scenes = work_of(training, scenes).scenes
     if not open_scenes:
         return
-    regressor = load(training.folder)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    regressor.network.to(device)
+    regressor = load_predictor(training.folder)
     for name in open_scenes:
-        _predict(training, regressor, name, scenes[name], device, tick)
+        _predict(training, regressor, name, scenes[name], tick)
 
 
 def _learn(training: Training, scenes: list[Scene], tick: Tick) -> None:
     recipe = training.recipe
-    frames = split_frames(scenes, "train")
-    samples = load_samples(scenes, frames, recipe.resize, lambda: tick(1))
-    torch.manual_seed(recipe.seed)
-    spec, params = _spec(training), _params(recipe)
-    network = build(spec)
-    if training.weights is not None:
-        load_backbone_weights(network, training.weights)
-    set_units(network, samples)
-    batch = min(recipe.batch_size, len(samples))
+    run = prepare_run(
+        scenes, choose_frames(scenes), _spec(training), _params(recipe), training.folder,
+        training.weights, lambda: tick(1),
+    )  # fmt: skip
+    batch, steps = batches_of_epoch(len(run.samples), recipe.batch_size)
     # The steps of a resumed training's finished epochs tick too, and are no work that is left.
-    skipped = finished_epochs(training) * steps_of_epoch(len(samples), batch)
-    step_tick = _after(skipped, lambda: tick(batch))
-    run = Run(spec, network, samples, None, training.folder, params, step_tick)
+    skipped = finished_epochs(training) * steps
+    run = run._replace(tick=_after(skipped, lambda: tick(batch)))
     train(run, resume=(training.folder / STATE_FILE).exists())
 
 
@@ -105,28 +99,24 @@ def _params(recipe: Recipe) -> TrainingParams:
         seed=recipe.seed,
         augmentation=AugmentationParams(jitter=recipe.jitter, hue=recipe.hue),
         loss=LossParams(recipe.loss, recipe.position_weight, recipe.rotation_weight),
+        eps=recipe.eps,
+        position_stage=PositionStageParams(
+            recipe.position_epochs, recipe.position_jitter, recipe.position_hue
+        ),
     )
 
 
 def _predict(
-    training: Training,
-    regressor: LoadedRegressor,
-    name: str,
-    scene: Scene,
-    device: torch.device,
-    tick: Tick,
+    training: Training, regressor: LoadedRegressor, name: str, scene: Scene, tick: Tick
 ) -> None:
     """Predict a scene's test recordings; the note that they are whole comes last."""
     folder = training.walks_folder(name)
     own = training.scenes.index(name)
     images = right = 0
-    for id_ in scene.splits["test"]:
-        poses, predicted = predict_recording(
-            regressor, scene, id_, device=device, tick=lambda: tick(1)
-        )
-        write_prediction(folder / id_, training.model, poses, predicted)
-        write_walk(folder / id_, scene, id_)
-        images += len(predicted.scene)
-        right += int((predicted.scene == own).sum())
+    for walk in predict_walks(
+        regressor, scene, scene.splits["test"], folder, training.model, tick=lambda: tick(1)
+    ):
+        images += len(walk.scene)
+        right += int((walk.scene == own).sum())
     note = {"regressor": regressor_digest(training), "images": images, "right_scene": right}
     write_text(folder / PREDICTED_FILE, json.dumps(note) + "\n")

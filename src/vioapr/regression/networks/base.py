@@ -76,6 +76,10 @@ class PoseNetwork(nn.Module):
         self.centre_m[scene] = centre_m
         self.size_m[scene] = size_m
 
+    def position_modules(self) -> tuple[nn.Module, ...]:
+        """The last layers of the position, and those of the uncertainty."""
+        raise NotImplementedError
+
     def to_unit(self, position_m: Tensor, scene: Tensor) -> Tensor:
         """Positions in metres (B, 3) of scenes (B,) in their units."""
         return (position_m - self.centre_m[scene]) / self.size_m[scene][:, None]

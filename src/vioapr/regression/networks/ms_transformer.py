@@ -154,6 +154,10 @@ class MSTransformer(PoseNetwork):
             last = self.rotation_head.get_submodule("2")
             last.get_parameter("bias").copy_(torch.tensor(code.start))
 
+    def position_modules(self) -> tuple[nn.Module, ...]:
+        """Two layers, and one."""
+        return self.position_head, self.log_sigma
+
     def forward_raw(self, images: Tensor, scene: Tensor | None = None) -> Raw:
         """The true scene's answer where scenes are given, else that of the likeliest one."""
         fine, coarse = self.backbone.forward_maps(images)

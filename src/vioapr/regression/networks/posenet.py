@@ -36,6 +36,10 @@ class PoseNet(PoseNetwork):
         nn.init.kaiming_normal_(self.hidden.weight)
         nn.init.zeros_(self.hidden.bias)
 
+    def position_modules(self) -> tuple[nn.Module, ...]:
+        """One layer each."""
+        return self.heads.position, self.heads.log_sigma
+
     def forward_raw(self, images: Tensor, scene: Tensor | None = None) -> Raw:
         """Images (B, 3, H, W); there is one scene."""
         pooled = self.backbone(images).mean(dim=(2, 3))
