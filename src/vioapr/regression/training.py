@@ -64,6 +64,8 @@ def _learn(
     run: Run, fabric: Fabric, learner: Learner, journal: Journal, optimizer_states: OptimizerStates
 ) -> None:
     """The epochs that are left."""
+    # Before there is an optimizer: a state that it is given goes where the parameters are.
+    learner.to(fabric.device)
     synchronize_norms(learner, fabric)
     part = (fabric.global_rank, fabric.world_size)
     source = BatchSource(
