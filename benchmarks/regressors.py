@@ -51,7 +51,7 @@ COMMON = (
     "--dropout 0 --jitter 0.3 --hue 0.05 --position-weight -2 --rotation-weight -2"
 )
 TRAIN = {
-    "mobile": f"--epochs 8 --batch-size 64 --lr 2e-3 {COMMON}",
+    "mobile": f"--epochs 6 --batch-size 64 --lr 2e-3 {COMMON}",
     "posenet": f"--epochs 4 --batch-size 64 --lr 1e-3 --precision bf16 {COMMON}",
 }
 """Options of `vioapr train` by model: what fits into 20 minutes on two cores."""
