@@ -14,7 +14,7 @@ from torch import nn
 from vioapr.cli import main
 from vioapr.errors import ParameterError
 from vioapr.regression.checkpoint import load, load_tensors
-from vioapr.regression.distributed import synchronize_norms
+from vioapr.regression.distributed import SharedBatchNorm, synchronize_norms
 from vioapr.regression.files import STATE_FILE
 from vioapr.regression.journal import Journal
 
@@ -155,3 +155,24 @@ def test_norms_keep_their_parameters():
     after = dict(network.named_parameters())
     assert all(after[name] is value for name, value in before.items())
     assert type(network[1]).__name__ == "SharedBatchNorm"
+
+
+@pytest.fixture
+def alone():
+    """This process as the only one of a group."""
+    store = torch.distributed.HashStore()
+    torch.distributed.init_process_group("gloo", store=store, rank=0, world_size=1)
+    yield
+    torch.distributed.destroy_process_group()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_shared_norm_is_pytorchs_in_mixed_precision_too(alone, dtype):
+    torch.manual_seed(0)
+    images = (2 * torch.randn(6, 5, 4, 3) + 1).to(dtype)
+    own, theirs = SharedBatchNorm(5), nn.BatchNorm2d(5)
+    found, expected = own(images), theirs(images)
+    assert found.dtype == dtype
+    torch.testing.assert_close(found, expected)
+    torch.testing.assert_close(own.running_mean, theirs.running_mean)
+    torch.testing.assert_close(own.running_var, theirs.running_var)

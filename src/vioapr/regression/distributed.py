@@ -106,12 +106,13 @@ class SharedBatchNorm(nn.BatchNorm2d):
         if not self.training:
             return super().forward(input)
         count = torch.distributed.get_world_size()
-        mean = _SumOfProcesses.apply(input.mean(dim=(0, 2, 3))) / count
-        centred = input - mean[:, None, None]
+        values = input.float()  # mixed precision hands over halves, and statistics need more
+        mean = _SumOfProcesses.apply(values.mean(dim=(0, 2, 3))) / count
+        centred = values - mean[:, None, None]
         variance = _SumOfProcesses.apply(centred.square().mean(dim=(0, 2, 3))) / count
         self._remember(mean.detach(), variance.detach(), input[:, 0].numel() * count)
         scale = self.weight * torch.rsqrt(variance + self.eps)
-        return centred * scale[:, None, None] + self.bias[:, None, None]
+        return (centred * scale[:, None, None] + self.bias[:, None, None]).to(input.dtype)
 
     @torch.no_grad()
     def _remember(self, mean: Tensor, variance: Tensor, values: int) -> None:
