@@ -8,8 +8,8 @@ courtyard: simulated training walks, two test walks in weathers of their own. re
 before 800 of 7-Scenes redkitchen seq-01 to learn from, the others to test, RGB-D SLAM as VIO.
 two-scenes: one MS-Transformer for a courtyard and the kitchen; does it tell them apart?
 
-FOLDER keeps scenes and checkpoints; what is there already is not made again. Figures are medians
-of the test walks, on all of their frames; `tilt by VIO` is the raw prediction with roll and pitch
+FOLDER keeps scenes and checkpoints; what is there already is not made again. --update-docs writes
+the tables to docs/accuracy.md. "with_tilt_by_vio" is the raw prediction with roll and pitch
 replaced by the tracker's.
 """
 
@@ -25,7 +25,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import describe_machine, write_json
+from accuracy import markdown
+from common import describe_machine, replace_section, write_json
 
 from mapping import HALF_TURN_ABOUT_X, REDKITCHEN, read_pose
 from vioapr.cli.console import progress
@@ -42,6 +43,8 @@ from vioapr.recording.info import RecordingInfo
 from vioapr.recording.scene import Scene, World
 from vioapr.recording.writer import RecordingWriter
 from vioapr.trajectory import Trajectory
+
+DOCS = Path(__file__).parents[1] / "docs" / "accuracy.md"
 
 SIMULATE = "--train 96 --test 2 --rate-hz 5 --width-px 160 --height-px 120"
 """Of `vioapr simulate courtyard`: the scene of these figures and of the demo."""
@@ -95,7 +98,8 @@ def train(scenes: list[Scene], model: str, options: str, out: Path) -> dict[str,
 def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
     """Predict the test recordings, fuse, compare."""
     run("predict", scene.folder, "--model", run_folder, "--out", out)
-    cases = load_cases(find_walks([out]))
+    model = json.loads((run_folder / "regressor.json").read_text())["spec"]["model"]
+    cases = [case for case in load_cases(find_walks([out])) if case.apr == model]
     params = {name: METHODS[name].params_type() for name in METHODS_SHOWN}
     with progress("fusing", count_ticks(cases, list(params))) as tick:
         groups = group_results(evaluate_cases(cases, params, tick=tick))
@@ -111,7 +115,7 @@ def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
         tilted = [_with_tilt_of_vio(case) for case in cases]
         facts["raw_median_deg_with_tilt_by_vio"] = float(np.mean(tilted))
     print(facts)
-    return {**facts, "groups": to_json(groups)}
+    return {**facts, "groups": groups}
 
 
 def _extent_m(scene: Scene) -> float:
@@ -152,7 +156,8 @@ def courtyard(folder: Path, models: list[str]) -> dict[str, Any]:
     results = {}
     for model in models:
         trained = train([scene], model, TRAIN[model], folder / model)
-        results[model] = {"trained": trained, **judge(scene, folder / model, folder / "walks")}
+        judged = judge(scene, folder / model, folder / "Simulated courtyard")
+        results[model] = {"trained": trained, **judged}
     return results
 
 
@@ -194,7 +199,7 @@ def redkitchen(folder: Path, data: Path) -> dict[str, Any]:
     """One sequence's start to learn from, its end to test."""
     scene, out = kitchen(folder, data), folder / "redkitchen-mobile"
     trained = train([scene], "mobile", REDKITCHEN_TRAIN, out)
-    return {"mobile": {"trained": trained, **judge(scene, out, folder / "walks-redkitchen")}}
+    return {"mobile": {"trained": trained, **judge(scene, out, folder / "redkitchen from 800")}}
 
 
 def two_scenes(folder: Path, data: Path) -> dict[str, Any]:
@@ -206,17 +211,15 @@ def two_scenes(folder: Path, data: Path) -> dict[str, Any]:
     model = "ms-transformer"
     trained = train(scenes, model, TWO_PLACES_TRAIN, folder / model)
     regressor = load(folder / model)
-    shares: dict[str, float] = {}
+    results = {}
     for number, scene in enumerate(scenes):
-        for id_ in scene.splits["test"]:
-            _, predicted = predict_recording(regressor, scene, id_)
-            shares[f"{scene.name}, {id_}"] = float(np.mean(predicted.scene == number))
-    print(shares)
-    judged = {
-        scene.name: judge(scene, folder / model, folder / f"walks-{model}-{number}")
-        for number, scene in enumerate(scenes)
-    }
-    return {"trained": trained, "right_scene": shares, **judged}
+        seen = [predict_recording(regressor, scene, id_)[1].scene for id_ in scene.splits["test"]]
+        results[scene.name] = {
+            "trained": trained,
+            "taken_for_its_own_scene": float(np.mean(np.concatenate(seen) == number)),
+            **judge(scene, folder / model, folder / f"{scene.name}, one of two"),
+        }
+    return results
 
 
 def main() -> None:
@@ -227,6 +230,7 @@ def main() -> None:
     parser.add_argument("--models", default="mobile,posenet")
     parser.add_argument("--data", type=Path, default=os.environ.get("VIOAPR_DATA"))
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--update-docs", action="store_true")
     options = parser.parse_args()
     if options.benchmark != "courtyard" and options.data is None:
         parser.error("--data, or the environment variable VIOAPR_DATA, must name the data")
@@ -239,7 +243,11 @@ def main() -> None:
         )
     if options.json:
         machine = describe_machine(["torch", "numpy", "moderngl"])
-        write_json(options.json, {"machine": machine, **results})
+        shown = {name: {**r, "groups": to_json(r["groups"])} for name, r in results.items()}
+        write_json(options.json, {"machine": machine, **shown})
+    if options.update_docs:
+        groups = [group for result in results.values() for group in result["groups"]]
+        replace_section(DOCS, options.benchmark, markdown(groups))
 
 
 if __name__ == "__main__":
