@@ -53,13 +53,14 @@ COMMON = (
     "--resize 64 --crop 64 --schedule cosine --weight-decay 0 --rotation 6d "
     "--dropout 0 --jitter 0.3 --hue 0.05 --rotation-weight -2"
 )
+LARGE = f"--batch-size 64 {COMMON}"
 TRAIN = {
-    "mobile": f"--epochs 6 --batch-size 64 --lr 2e-3 --position-weight -2 {COMMON}",
-    "posenet": f"--epochs 4 --batch-size 64 --lr 1e-3 --precision bf16 --position-weight -3 {COMMON}",
+    "mobile": f"--epochs 6 --lr 2e-3 --position-weight -2 {LARGE}",
+    "posenet": f"--epochs 4 --lr 1e-3 --position-weight -3 --precision bf16 {LARGE}",
 }
 """Options of `vioapr train` by model: what fits into 20 minutes on two cores."""
 
-REDKITCHEN_TRAIN = f"--epochs 300 --batch-size 64 --lr 1e-3 --position-weight -2 {COMMON}"
+REDKITCHEN_TRAIN = f"--epochs 300 --lr 1e-3 --position-weight -2 {LARGE}"
 
 TWO_PLACES = "--train 12 --test 2 --rate-hz 2.5 --width-px 160 --height-px 120"
 TWO_PLACES_TRAIN = f"--epochs 4 --batch-size 32 --lr 5e-4 --position-weight -2 {COMMON}"
