@@ -44,10 +44,10 @@ def export(model: Path, method: str, precision: str, scene: Path, out: Path) -> 
 
 def judge(file: Path, scene: Scene) -> dict[str, Any]:
     """Figures of the raw predictions and of the answers, each (median m, deg, p95 m, deg)."""
-    localizer = OnnxLocalizer(file)
     rows = []
     for id_ in track(scene.splits["test"], description=file.name, transient=True):
-        walk = localize(localizer, frames_of_recording(scene.recording_folder(id_)))
+        frames = frames_of_recording(scene.recording_folder(id_))
+        walk = localize(OnnxLocalizer(file), frames)  # a walk begins with an empty state
         assert walk.frames.gt is not None
         truth = walk.gt_world_from_cam(walk.frames.gt)
         raw = walk.paired.inputs.apr_world_from_cam
