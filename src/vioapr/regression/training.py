@@ -86,13 +86,26 @@ def _learn(
 
 
 def _make_optimizer(run: Run, learner: Learner, states: OptimizerStates) -> Optimizer:
+    parameters = [p for p in learner.parameters() if p.requires_grad]
     optimizer = torch.optim.Adam(
-        [p for p in learner.parameters() if p.requires_grad],
-        lr=run.params.lr, eps=run.params.eps, weight_decay=run.params.weight_decay, fused=True,
+        parameters, lr=run.params.lr, eps=run.params.eps,
+        weight_decay=run.params.weight_decay, fused=True,
     )  # fmt: skip
+    # Adam in one pass walks through memory: a state must lie there as its parameter does.
+    states = {
+        number: {name: _laid_out_as(parameters[number], value) for name, value in state.items()}
+        for number, state in states.items()
+    }
     groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": states, "param_groups": groups})
     return optimizer
+
+
+def _laid_out_as(parameter: Tensor, value: Tensor) -> Tensor:
+    """A tensor of the parameter's shape with its strides; others, such as counts, as they are."""
+    if value.shape != parameter.shape:
+        return value
+    return torch.empty_like(parameter).copy_(value)
 
 
 def _run_stage(
