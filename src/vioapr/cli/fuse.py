@@ -13,7 +13,7 @@ from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.formats import tum
 from vioapr.formats.base import write_text
 from vioapr.formats.registry import read_trajectory
-from vioapr.formats.sigma import path_beside, read_sigmas
+from vioapr.formats.sigma import read_sigmas, read_sigmas_beside
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import FusedWalk, View, fuse_walk
 from vioapr.fusion.pairing import pair_frames
@@ -63,8 +63,10 @@ def fuse(
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
     predictions = read_trajectory(apr, apr_format)
-    sigma_path = apr_sigma or path_beside(apr)
-    stated = None if sigma_path is None else read_sigmas(sigma_path, predictions)
+    if apr_sigma is None:
+        stated = read_sigmas_beside(apr, predictions)
+    else:
+        stated = read_sigmas(apr_sigma, predictions)
     frames = pair_frames(
         predictions, read_trajectory(vio, vio_format), tolerance_s, apr_sigmas=stated
     )

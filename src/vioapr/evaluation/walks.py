@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError, ParameterError, VioAprError
 from vioapr.formats.registry import read_trajectory
-from vioapr.formats.sigma import Sigmas, path_beside, read_sigmas
+from vioapr.formats.sigma import SUFFIX as SIGMA_SUFFIX
+from vioapr.formats.sigma import read_sigmas_beside
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, poses_of_frames
@@ -133,7 +134,7 @@ def _by_name(files: Iterable[Path], prefix: str) -> dict[str, Path]:
 
 def _is_sidecar(path: Path) -> bool:
     """Whether a file accompanies a trajectory, e.g. a table of its uncertainties."""
-    return path.name.removesuffix(".gz").endswith((".sigma.csv", ".json"))
+    return path.name.removesuffix(".gz").endswith((SIGMA_SUFFIX, ".json"))
 
 
 def load_cases(
@@ -157,7 +158,7 @@ def load_cases(
         gt = read_trajectory(walk.gt)
         vios = {name: read_trajectory(path) for name, path in walk.vios.items()}
         aprs = {name: read_trajectory(path) for name, path in walk.aprs.items()}
-        sigmas = {name: _read_sigmas(path, aprs[name]) for name, path in walk.aprs.items()}
+        sigmas = {name: read_sigmas_beside(path, aprs[name]) for name, path in walk.aprs.items()}
         for vio_name, vio in vios.items():
             for apr_name, apr in aprs.items():
                 try:
@@ -172,11 +173,6 @@ def load_cases(
         if tick is not None:
             tick()
     return cases
-
-
-def _read_sigmas(path: Path, predictions: Trajectory) -> Sigmas | None:
-    table = path_beside(path)
-    return None if table is None else read_sigmas(table, predictions)
 
 
 def _gt_of_frames(

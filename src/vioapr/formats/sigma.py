@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.formats.base import write_text
 from vioapr.formats.table import Rows, read_headed_csv
 from vioapr.trajectory import Trajectory, nearest_rows
 
@@ -63,6 +64,23 @@ def read_sigmas(path: Path, predictions: Trajectory) -> Sigmas:
     ordered = np.full((2, len(predictions)), np.nan)
     ordered[:, nearest] = values[:, 1:].T
     return Sigmas(*ordered)
+
+
+def read_sigmas_beside(path: Path, predictions: Trajectory) -> Sigmas | None:
+    """As `read_sigmas`, of the table that accompanies a file of predictions, if there is one."""
+    table = path_beside(path)
+    return None if table is None else read_sigmas(table, predictions)
+
+
+def write_sigmas_beside(path: Path, predictions: Trajectory, sigmas: Sigmas) -> None:
+    """Write the table that accompanies a file of predictions.
+
+    Raises:
+        FormatError: It cannot be written.
+    """
+    columns = zip(predictions.timestamps_s, *sigmas, strict=True)
+    rows = [f"{time_s:.6f},{m:.6g},{deg:.6g}" for time_s, m, deg in columns]
+    write_text(path.with_suffix(SUFFIX), "\n".join([",".join(COLUMNS), *rows]) + "\n")
 
 
 def _check_sigmas(rows: Rows, sigmas: NDArray[np.float64]) -> None:

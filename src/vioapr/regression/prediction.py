@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.formats import tum
-from vioapr.formats.base import write_text
+from vioapr.formats.sigma import Sigmas, write_sigmas_beside
 from vioapr.recording.recording import IMAGES_FOLDER
 from vioapr.recording.scene import Scene
 from vioapr.regression.augmentation import middle_crop
@@ -20,8 +20,6 @@ from vioapr.regression.cache import read_images
 from vioapr.regression.checkpoint import LoadedRegressor, load
 from vioapr.regression.networks import PoseNetwork
 from vioapr.trajectory import Trajectory
-
-SIGMA_HEADER = "timestamp_s,sigma_position_m,sigma_orientation_deg"
 
 
 class Predicted(NamedTuple):
@@ -180,15 +178,10 @@ def write_prediction(folder: Path, name: str, poses: Trajectory, predicted: Pred
         FormatError: It cannot be written.
     """
     path = folder / f"apr_{name}.tum"
-    columns: Sequence[NDArray[np.float64]] = (
-        poses.timestamps_s,
-        predicted.sigma_position_m,
-        np.degrees(predicted.sigma_orientation_rad),
-    )
-    rows = [f"{t:.6f},{m:.6g},{deg:.6g}" for t, m, deg in zip(*columns, strict=True)]
+    sigmas = Sigmas(predicted.sigma_position_m, np.degrees(predicted.sigma_orientation_rad))
     folder.mkdir(parents=True, exist_ok=True)
     tum.write(path, poses)
-    write_text(path.with_suffix(".sigma.csv"), "\n".join([SIGMA_HEADER, *rows]) + "\n")
+    write_sigmas_beside(path, poses, sigmas)
     return path
 
 
