@@ -54,24 +54,29 @@ def make_redkitchen(data: Path, folder: Path, every: int = 10) -> tuple[Scene, T
     The SLAM world has the first camera's axes, y down: it is turned over, to look like VIO's.
     """
     scene = Scene.create(folder, "redkitchen", is_outdoor=False)
+    rows = [row for row in redkitchen_rows(data) if int(row["frame"]) % every == 0]
+    truth = write_redkitchen(data, rows, scene.recording_folder("seq-01"))
+    scene = scene.with_recording("seq-01", "train")
+    scene.save()
+    return scene, truth
+
+
+def redkitchen_rows(data: Path) -> list[dict[str, str]]:
+    """Of poses.csv, one a frame."""
+    with (data / "poses.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def write_redkitchen(data: Path, rows: list[dict[str, str]], folder: Path) -> Trajectory:
+    """A recording of some frames with SLAM as VIO; returns their SfM poses."""
     info = RecordingInfo(tracker="RGB-D SLAM", is_gravity_aligned=False)
-    truth = []
-    with (
-        (data / "poses.csv").open() as file,
-        RecordingWriter(scene.recording_folder("seq-01"), info) as writer,
-    ):
-        for row in csv.DictReader(file):
-            if int(row["frame"]) % every:
-                continue
-            time_s = float(row["t"])
+    times_s = [float(row["t"]) for row in rows]
+    with RecordingWriter(folder, info) as writer:
+        for time_s, row in zip(times_s, rows, strict=True):
             image = data / "images" / row["image"]
             vio_from_cam = HALF_TURN_ABOUT_X @ read_pose(row, "dslam")
             writer.add_frame(time_s, image.name, image, Tracking.NORMAL, vio_from_cam, REDKITCHEN)
-            truth.append((time_s, read_pose(row, "gt")))
-    scene = scene.with_recording("seq-01", "train")
-    scene.save()
-    times, poses = zip(*truth, strict=True)
-    return scene, Trajectory.from_arrays(times, *rigid.stack(poses))
+    return Trajectory.from_arrays(times_s, *rigid.stack([read_pose(row, "gt") for row in rows]))
 
 
 def read_pose(row: dict[str, str], kind: str) -> Rigid3:
@@ -137,8 +142,7 @@ def run_redkitchen(data: Path, params: MappingParams) -> dict[str, Any]:
 
 def _odometry_scale(data: Path, truth: Trajectory) -> dict[str, float]:
     """SfM metres per SLAM metre, by the two files alone."""
-    with (data / "poses.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if int(row["frame"]) % 10 == 0]
+    rows = [row for row in redkitchen_rows(data) if int(row["frame"]) % 10 == 0]
     slam = np.array([read_pose(row, "dslam").translation_m for row in rows])
     # The map is nearly free of error, so it is the side that is scaled: noise in the scaled
     # side would make the scale too small.

@@ -16,7 +16,6 @@ replaced by the tracker's.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import sys
@@ -28,7 +27,7 @@ import numpy as np
 from accuracy import markdown
 from common import describe_machine, replace_section, write_json
 
-from mapping import HALF_TURN_ABOUT_X, REDKITCHEN, read_pose
+from mapping import redkitchen_rows, write_redkitchen
 from vioapr.cli.console import progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.cli.main import main as vioapr
@@ -37,11 +36,7 @@ from vioapr.evaluation.tables import group_results, to_json
 from vioapr.evaluation.walks import Case, find_walks, load_cases
 from vioapr.fusion.methods import METHODS
 from vioapr.geometry import quaternion
-from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.frames import Tracking
-from vioapr.recording.info import RecordingInfo
 from vioapr.recording.scene import Scene, World
-from vioapr.recording.writer import RecordingWriter
 from vioapr.trajectory import Trajectory
 
 DOCS = Path(__file__).parents[1] / "docs" / "accuracy.md"
@@ -166,24 +161,12 @@ def make_redkitchen(data: Path, folder: Path) -> Scene:
     """A scene of two recordings, frames before 800 and the others."""
     world = World(is_gravity_aligned=False)
     scene = Scene.create(folder, "redkitchen", is_outdoor=False, world=world)
-    with (data / "poses.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = redkitchen_rows(data)
     for id_, split, chosen in (
         ("before-800", "train", [row for row in rows if int(row["frame"]) < 800]),
         ("from-800", "test", [row for row in rows if int(row["frame"]) >= 800]),
     ):
-        info = RecordingInfo(tracker="RGB-D SLAM", is_gravity_aligned=False)
-        poses = [read_pose(row, "gt") for row in chosen]
-        with RecordingWriter(scene.recording_folder(id_), info) as writer:
-            for row in chosen:
-                image = data / "images" / row["image"]
-                vio_from_cam: Rigid3 = HALF_TURN_ABOUT_X @ read_pose(row, "dslam")
-                writer.add_frame(
-                    float(row["t"]), image.name, image, Tracking.NORMAL, vio_from_cam, REDKITCHEN
-                )
-        times = [float(row["t"]) for row in chosen]
-        positions, quats = (np.stack(column) for column in zip(*poses, strict=True))
-        scene.write_gt(id_, Trajectory.from_arrays(times, positions, quats))
+        scene.write_gt(id_, write_redkitchen(data, chosen, scene.recording_folder(id_)))
         scene = scene.with_recording(id_, split)
     scene.save()
     return scene
