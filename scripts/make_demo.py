@@ -14,8 +14,9 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from vioapr.cli.demo import LOCALIZER, SCENE
 from vioapr.cli.main import main as vioapr
-from vioapr.recording.scene import GT_FOLDER, RECORDINGS_FOLDER, Scene
+from vioapr.recording.scene import Scene
 
 PACKAGE = Path(__file__).parent.parent / "src" / "vioapr" / "demo"
 RECORDING = "test-01"
@@ -26,12 +27,12 @@ LEFT_OUT = shutil.ignore_patterns("imu.csv")  # large, and no method here uses i
 
 def copy_scene(scene: Scene, folder: Path) -> None:
     """The scene with one test recording."""
-    recording = Path(RECORDINGS_FOLDER) / RECORDING
-    shutil.copytree(scene.folder / recording, folder / recording, ignore=LEFT_OUT)
-    (folder / GT_FOLDER).mkdir()
-    truth = Path(GT_FOLDER) / f"{RECORDING}.tum"
-    shutil.copy(scene.folder / truth, folder / truth)
-    replace(scene, folder=folder, splits={"train": (), "test": (RECORDING,)}).save()
+    shipped = replace(scene, folder=folder, splits={"train": (), "test": (RECORDING,)})
+    recordings = (one.recording_folder(RECORDING) for one in (scene, shipped))
+    shutil.copytree(*recordings, ignore=LEFT_OUT)
+    shipped.gt_path(RECORDING).parent.mkdir()
+    shutil.copy(scene.gt_path(RECORDING), shipped.gt_path(RECORDING))
+    shipped.save()
 
 
 def main() -> None:
@@ -42,8 +43,8 @@ def main() -> None:
     if PACKAGE.exists():
         shutil.rmtree(PACKAGE)
     PACKAGE.mkdir()
-    copy_scene(Scene.open(folder / "courtyard"), PACKAGE / "courtyard")
-    localizer = PACKAGE / "localizer.onnx"
+    copy_scene(Scene.open(folder / "courtyard"), PACKAGE / SCENE)
+    localizer = PACKAGE / LOCALIZER
     arguments = ("export", folder / "mobile", "--out", localizer, "--precision", PRECISION)
     if code := vioapr([str(word) for word in arguments]):
         sys.exit(code)

@@ -28,8 +28,8 @@ def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
         open_report: Show the report in a browser, if there is one.
     """
     _copy(out)
-    recording = Scene.open(out / SCENE).splits["test"][0]
-    folder = out / SCENE / "recordings" / recording
+    scene = Scene.open(out / SCENE)
+    folder = scene.recording_folder(scene.splits["test"][0])
     console.print(
         f"vioapr localize --model {out / LOCALIZER} --recording {folder} "
         f"--out {out / 'fused.csv'} --report {out / 'report'}",
