@@ -95,14 +95,16 @@ def _half_turns(rotations: Array) -> Array:
     return rotations.mT[..., None, :, :] @ namespace(right).reshape(right, shape)
 
 
-def _imaginary() -> np.ndarray:
-    """Rows k, i: what of q makes component k of p^-1 q from component i of p, shape (12, 4)."""
-    units = np.eye(4)
-    products = quaternion.multiply(quaternion.inverse(units)[:, None], units)
-    return np.moveaxis(products[..., :3], -1, 0).reshape(12, 4)
+def _factors(left: np.ndarray) -> np.ndarray:
+    """What of q makes component i of p q from component j of p, shape (4, 4, 4).
+
+    Args:
+        left: The four units, or their inverses for p^-1 q.
+    """
+    return np.moveaxis(quaternion.multiply(left[:, None], np.eye(4)), -1, 0)
 
 
-_IMAGINARY = _imaginary()
+_IMAGINARY = _factors(quaternion.inverse(np.eye(4)))[:3].reshape(12, 4)
 
 
 def _upright(params: ConsensusParams, start: Array) -> tuple[Array, Array]:
@@ -129,16 +131,7 @@ def _right_factor(quat: Array) -> Array:
     return namespace(flat).reshape(flat, (*flat.shape[:-2], 4, 4))
 
 
-_RIGHT_FACTOR = np.array(
-    [
-        [[0, 0, 0, 1], [0, 0, 1, 0], [0, -1, 0, 0], [1, 0, 0, 0]],
-        [[0, 0, -1, 0], [0, 0, 0, 1], [1, 0, 0, 0], [0, 1, 0, 0]],
-        [[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]],
-        [[-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]],
-    ],
-    dtype=float,
-).reshape(16, 4)
-"""Rows i, j: what of q makes component i of p q from component j of p."""
+_RIGHT_FACTOR = _factors(np.eye(4)).reshape(16, 4)
 
 
 def _rotation_vectors(quats: Array) -> Array:
