@@ -20,6 +20,13 @@ _WARM_UP = 0.05
 """Share of the steps in which a cosine schedule rises."""
 
 
+def _check_within(params: object, **limits: float) -> None:
+    """Fields must be of 0 to their limits."""
+    for name, most in limits.items():
+        if not 0 <= getattr(params, name) <= most:
+            raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(params, name)}")
+
+
 @dataclass(frozen=True)
 class AugmentationParams:
     """How training images are varied."""
@@ -34,9 +41,7 @@ class AugmentationParams:
     crops, which move the picture under a pose that stays."""
 
     def __post_init__(self) -> None:
-        for name, most in (("jitter", 1.0), ("hue", 0.5), ("turn_deg", 60.0)):
-            if not 0 <= getattr(self, name) <= most:
-                raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(self, name)}")
+        _check_within(self, jitter=1.0, hue=0.5, turn_deg=60.0)
 
 
 @dataclass(frozen=True)
@@ -84,9 +89,7 @@ class PositionStageParams:
             raise ParameterError(
                 f"position_epochs: expected at least 0, got {self.position_epochs}"
             )
-        for name, most in (("position_jitter", 1.0), ("position_hue", 0.5)):
-            if not 0 <= getattr(self, name) <= most:
-                raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(self, name)}")
+        _check_within(self, position_jitter=1.0, position_hue=0.5)
 
 
 class Batches(NamedTuple):
