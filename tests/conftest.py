@@ -36,6 +36,16 @@ def xp(request: pytest.FixtureRequest):
 
 
 @pytest.fixture
+def one_thread():
+    """PyTorch keeps to one thread: tests run beside others."""
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 

@@ -27,12 +27,7 @@ SMALL = ("--model", "mobile", "--resize", 36, "--crop", 32, "--batch-size", 8, "
 FRAMES = 12
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")
