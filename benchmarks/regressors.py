@@ -41,24 +41,27 @@ from vioapr.trajectory import Trajectory
 
 DOCS = Path(__file__).parents[1] / "docs" / "accuracy.md"
 
-SIMULATE = "--train 96 --test 2 --rate-hz 5 --width-px 160 --height-px 120"
+SIMULATE = "--train 192 --test 2 --rate-hz 5 --width-px 160 --height-px 120"
 """Of `vioapr simulate courtyard`: the scene of these figures and of the demo."""
 
 COMMON = (
     "--resize 64 --crop 64 --schedule cosine --weight-decay 0 --rotation 6d "
-    "--dropout 0 --jitter 0.3 --hue 0.05 --rotation-weight -2"
+    "--dropout 0 --rotation-weight -2"
 )
-LARGE = f"--batch-size 64 {COMMON}"
+MANY = f"--batch-size 64 --jitter 0.1 --hue 0.02 --position-weight -3 {COMMON}"
+FEW = f"--jitter 0.3 --hue 0.05 --position-weight -2 {COMMON}"
+"""Of scenes with many weathers, and of others."""
+
 TRAIN = {
-    "mobile": f"--epochs 6 --lr 2e-3 --position-weight -2 {LARGE}",
-    "posenet": f"--epochs 4 --lr 1e-3 --position-weight -3 --precision bf16 {LARGE}",
+    "mobile": f"--epochs 4 --lr 4e-3 {MANY}",
+    "posenet": f"--epochs 2 --lr 1e-3 --precision bf16 {MANY}",
 }
 """Options of `vioapr train` by model: what fits into 20 minutes on two cores."""
 
-REDKITCHEN_TRAIN = f"--epochs 300 --lr 1e-3 --position-weight -2 {LARGE}"
+REDKITCHEN_TRAIN = f"--epochs 300 --lr 1e-3 --batch-size 64 {FEW}"
 
 TWO_PLACES = "--train 12 --test 2 --rate-hz 2.5 --width-px 160 --height-px 120"
-TWO_PLACES_TRAIN = f"--epochs 4 --batch-size 32 --lr 5e-4 --position-weight -2 {COMMON}"
+TWO_PLACES_TRAIN = f"--epochs 4 --batch-size 32 --lr 5e-4 {FEW}"
 
 METHODS_SHOWN = ("apr", "vio", "vio-apr", "consensus")
 

@@ -9,6 +9,7 @@ from tests.regression.toy import spec
 
 from vioapr.errors import MissingExtraError, ParameterError
 from vioapr.regression.networks import build, timm_backbone
+from vioapr.regression.networks.blocks import InvertedResidual
 from vioapr.regression.networks.efficientnet import EfficientNetB0
 from vioapr.regression.networks.mobilenet import MobileNetV3Large
 from vioapr.regression.networks.resnet import ResNet34
@@ -55,6 +56,14 @@ def test_backbones_are_those_of_torchvision(backbone, parameters, classifier, na
 )
 def test_names_of_weights_are_those_of_torchvision(backbone, name, shape):
     assert tuple(backbone().state_dict()[name].shape) == shape
+
+
+def test_inverted_residuals_pass_their_input_on_at_first():
+    features = torch.rand(2, 16, 8, 8)
+    inverted = InvertedResidual(16, 64, 16, 3, 1, torch.nn.ReLU, None).eval()
+    narrowing = InvertedResidual(16, 64, 16, 3, 2, torch.nn.ReLU, None).eval()
+    torch.testing.assert_close(inverted(features), features)
+    assert narrowing(features).abs().max() > 0
 
 
 def test_maps_of_ms_transformer_have_the_papers_sizes():
