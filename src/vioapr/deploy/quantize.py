@@ -18,6 +18,9 @@ from vioapr.errors import MissingExtraError, ParameterError
 _SMALLEST = 1024
 """Elements from which a tensor's precision matters for the file's size."""
 
+_OF_8_BITS = ("Conv", "Gemm", "MatMul", "Add", "MaxPool", "Relu")
+"""Operators that int8-qdq quantizes."""
+
 Calibration = Callable[[], list[NDArray[np.float32]]]
 
 
@@ -30,7 +33,8 @@ def change_precision(
         network: In single precision, as traced; it stays as it is.
         precision: `fp16w`: half-precision weights that are cast back, so that arithmetic stays
             in single precision. `int8w`: weights of 8 bits with a scale a channel, likewise.
-            `int8-qdq`: arithmetic of 8 bits, with ranges from calibration images.
+            `int8-qdq`: arithmetic of 8 bits up to the last convolution, with ranges from
+            calibration images.
         calibration: For int8-qdq: gives network inputs.
 
     Raises:
@@ -106,7 +110,7 @@ def _as_int8(name: str, values: NDArray, is_last: bool) -> Stored:
 
 
 def _quantize(network: onnx.ModelProto, images: list[NDArray[np.float32]]) -> onnx.ModelProto:
-    """Static quantization of convolutions and products, per channel."""
+    """Static quantization of convolutions and what lies between them, weights per channel."""
     try:
         from onnxruntime import quantization
         from onnxruntime.quantization.shape_inference import quant_pre_process
@@ -139,8 +143,19 @@ def _quantize(network: onnx.ModelProto, images: list[NDArray[np.float32]]) -> on
                 per_channel=True,
                 activation_type=quantization.QuantType.QUInt8,
                 weight_type=quantization.QuantType.QInt8,
-                op_types_to_quantize=["Conv", "Gemm", "MatMul", "Add", "MaxPool", "Relu"],
+                op_types_to_quantize=list(_OF_8_BITS),
+                nodes_to_exclude=_after_last_convolution(onnx.load(prepared)),
+                # Ranges are means over the images of each one's extremes: one odd image would
+                # widen those of the largest values and take resolution from all others.
+                extra_options={"CalibMovingAverage": True},
             )
         finally:
             logging.root.setLevel(level)
         return onnx.load(done)
+
+
+def _after_last_convolution(model: onnx.ModelProto) -> list[str]:
+    """Names of nodes: heads and arithmetic of poses, which 8 bits would round to decimetres."""
+    nodes = model.graph.node
+    last = max((row for row, node in enumerate(nodes) if node.op_type == "Conv"), default=-1)
+    return [node.name for node in nodes[last + 1 :]]
