@@ -28,7 +28,8 @@ def simulate_courtyard(
     """Render a courtyard, walk through it several times and write a scene.
 
     Images, exact ground truth, and what a phone would say: tracker, IMU, GNSS and compass with
-    their errors. Beside them preview.png, pictures of all recordings, and routes.png.
+    their errors. Beside them preview.png and routes.png: pictures and routes of up to 8
+    recordings a split.
 
     Args:
         out: The scene's folder; must hold no scene yet.

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _COLORS = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7", "#ffffff")
 _COLUMNS = 6
+_MOST = 8
+"""Recordings of a split that are shown; more make a picture that nobody looks at."""
 _DPI = 120
 
 
@@ -35,8 +37,8 @@ class Background(NamedTuple):
 
 
 def contact_sheet(scene: Scene) -> Figure:
-    """Pictures of all recordings, a row each, evenly spread over its time."""
-    ids = _ordered(scene)
+    """Pictures of up to 8 recordings of every split, a row each, evenly spread over its time."""
+    ids = _shown(scene)
     with house_style():
         figure, axes = new_figure(
             2.05 * _COLUMNS, 1.68 * len(ids), rows=len(ids), cols=_COLUMNS, layout="constrained"
@@ -55,14 +57,15 @@ def contact_sheet(scene: Scene) -> Figure:
 
 
 def route_map(scene: Scene, background: Background | None = None) -> Figure:
-    """Ground truth of all recordings from above, x to the right and y up."""
+    """Ground truth of the same recordings from above, x to the right and y up."""
+    ids = _shown(scene)
     with house_style():
         figure, (axis,) = new_figure(9.0, 6.9)
         if background is not None:
             pixels = _read(background.picture)
             half = background.width_m / 2 * np.array([1, pixels.shape[0] / pixels.shape[1]])
             axis.imshow(pixels, extent=(-half[0], half[0], -half[1], half[1]))
-        for number, id_ in enumerate(_ordered(scene)):
+        for number, id_ in enumerate(ids):
             gt = scene.gt(id_)
             if gt is not None:
                 style = "-" if id_ in scene.splits.get("train", ()) else (0, (3, 1.2))
@@ -72,7 +75,8 @@ def route_map(scene: Scene, background: Background | None = None) -> Figure:
         axis.set(xlabel="x (m)", ylabel="y (m)")
         axis.grid(background is None)
         axis.set_aspect("equal")
-        figure.legend(loc="outside upper center", ncols=8, title="dot: start; dashed: test")
+        title = f"{len(ids)} of {len(_ordered(scene))} recordings; dot: start; dashed: test"
+        figure.legend(loc="outside upper center", ncols=8, title=title)
     return figure
 
 
@@ -88,10 +92,23 @@ def save_photo_figure(figure: Figure, path: Path) -> None:
     write_bytes(path, content.getvalue())
 
 
-def _ordered(scene: Scene) -> Sequence[str]:
+def _ordered(scene: Scene) -> list[str]:
     """Training recordings, then those to test, then all others."""
-    listed = [id_ for split in ("train", "test") for id_ in scene.splits.get(split, ())]
-    return [*listed, *(id_ for id_ in scene.recording_ids if id_ not in listed)]
+    return [id_ for split in _splits(scene) for id_ in split]
+
+
+def _shown(scene: Scene) -> list[str]:
+    """As `_ordered`, of every split at most so many, evenly chosen."""
+    shown: list[str] = []
+    for ids in _splits(scene):
+        rows = np.linspace(0, len(ids) - 1, min(len(ids), _MOST)).astype(int)
+        shown += [ids[row] for row in rows]
+    return shown
+
+
+def _splits(scene: Scene) -> tuple[Sequence[str], ...]:
+    train, test = (scene.splits.get(split, ()) for split in ("train", "test"))
+    return train, test, [id_ for id_ in scene.recording_ids if id_ not in (*train, *test)]
 
 
 def _read(path: Path) -> NDArray[np.uint8]:
