@@ -17,7 +17,7 @@ from vioapr.recording.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLORS = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7", "#ffffff")
+_COLORS = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7", "#000000")
 _COLUMNS = 6
 _MOST = 8
 """Recordings of a split that are shown; more make a picture that nobody looks at."""
