@@ -34,7 +34,7 @@ def change_precision(
         precision: `fp16w`: half-precision weights that are cast back, so that arithmetic stays
             in single precision. `int8w`: weights of 8 bits with a scale a channel, likewise.
             `int8-qdq`: arithmetic of 8 bits up to the last convolution, with ranges from
-            calibration images.
+            calibration images; what follows is as with `int8w`.
         calibration: For int8-qdq: gives network inputs.
 
     Raises:
@@ -48,7 +48,7 @@ def change_precision(
         raise ParameterError(f"unknown precision {precision!r}")
     if calibration is None:
         raise ParameterError("int8-qdq needs images to calibrate on")
-    return _quantize(network, calibration())
+    return _store(_quantize(network, calibration()), _as_int8)
 
 
 Stored = tuple[list[onnx.TensorProto], list[onnx.NodeProto]]
