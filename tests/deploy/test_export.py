@@ -13,8 +13,6 @@ onnx = pytest.importorskip("onnx", reason="onnx is not installed")
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 ort = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
-from onnx import numpy_helper  # noqa: E402
-
 from vioapr.deploy.operators import ALLOWED, find_forbidden  # noqa: E402
 from vioapr.deploy.runtime import OnnxLocalizer, open_session  # noqa: E402
 from vioapr.errors import ParameterError  # noqa: E402
@@ -185,42 +183,6 @@ def test_static_quantization_keeps_the_pose(exporter_of):
         for f in (plain, quantized)
     ]
     assert 0 < np.abs(poses[0] - poses[1]).max() < 0.2
-
-
-def test_static_quantization_ends_at_the_last_convolution(exporter_of):
-    quantized = _quantized(exporter_of, images(20))
-    types = [node.op_type for node in onnx.load_from_string(quantized.content).graph.node]
-    last = len(types) - 1 - types[::-1].index("Conv")
-    assert "QuantizeLinear" in types[:last]
-    # The last convolution's own result is still rounded, once.
-    assert types[last + 1 :].count("QuantizeLinear") == 1
-
-
-def test_one_odd_calibration_image_does_not_take_the_resolution(exporter_of):
-    usual = [image // 8 for image in images(20)]
-    odd = np.full_like(usual[0], 255)
-    steps = [
-        max(
-            float(numpy_helper.to_array(tensor))
-            for tensor in onnx.load_from_string(quantized.content).graph.initializer
-            if tensor.name.endswith("_scale") and not tensor.dims
-        )
-        for quantized in (
-            _quantized(exporter_of, usual),
-            _quantized(exporter_of, [*usual, odd]),
-        )
-    ]
-    assert steps[1] < 1.5 * steps[0]
-
-
-def _quantized(exporter_of, calibration):
-    from deploy.networks import TinySpec, WideNetwork
-    from vioapr.deploy.export import Exporter
-
-    base = exporter_of("vio-apr")
-    wide = Exporter(WideNetwork().eval(), TinySpec(), base.fusion.method, base.fusion.params)
-    inputs = [wide.preprocess(torch.from_numpy(image)).numpy() for image in calibration]
-    return wide.export_split("int8-qdq", lambda: inputs)[0]
 
 
 def test_unportable_networks_and_methods_are_refused(exporter_of):
