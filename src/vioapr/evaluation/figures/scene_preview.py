@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -94,7 +93,7 @@ def save_photo_figure(figure: Figure, path: Path) -> None:
 
 def _ordered(scene: Scene) -> list[str]:
     """Training recordings, then those to test, then all others."""
-    return [id_ for split in _splits(scene) for id_ in split]
+    return [id_ for ids in _splits(scene) for id_ in ids]
 
 
 def _shown(scene: Scene) -> list[str]:
@@ -106,9 +105,10 @@ def _shown(scene: Scene) -> list[str]:
     return shown
 
 
-def _splits(scene: Scene) -> tuple[Sequence[str], ...]:
-    train, test = (scene.splits.get(split, ()) for split in ("train", "test"))
-    return train, test, [id_ for id_ in scene.recording_ids if id_ not in (*train, *test)]
+def _splits(scene: Scene) -> list[tuple[str, ...]]:
+    listed = [tuple(scene.splits.get(split, ())) for split in ("train", "test")]
+    others = tuple(id_ for id_ in scene.recording_ids if id_ not in (*listed[0], *listed[1]))
+    return [*listed, others]
 
 
 def _read(path: Path) -> NDArray[np.uint8]:

@@ -107,7 +107,7 @@ class InvertedResidual(nn.Module):
         if self.is_residual:
             # The block passes its input on at first (Goyal et al., 2017, section 5.1): training
             # from random weights is much faster with it (docs/regression.md, Figures).
-            nn.init.zeros_(projection[1].weight)
+            nn.init.zeros_(projection.get_parameter("1.weight"))
 
     def forward(self, features: Tensor) -> Tensor:
         """BCHW to BCHW."""
