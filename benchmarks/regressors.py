@@ -4,7 +4,7 @@
     python benchmarks/regressors.py redkitchen FOLDER [--data FOLDER] [--json FILE]
     python benchmarks/regressors.py two-scenes FOLDER [--data FOLDER] [--json FILE]
 
-courtyard: simulated training walks, two test walks in weathers of their own, and four other walks
+courtyard: simulated training walks, two test walks, and four other walks of another seed
 by which nothing here was chosen. redkitchen: frames before 800 of 7-Scenes redkitchen seq-01 to
 learn from, the others to test, RGB-D SLAM as VIO.
 two-scenes: one MS-Transformer for a courtyard and the kitchen; does it tell them apart?
