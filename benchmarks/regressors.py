@@ -42,7 +42,8 @@ from vioapr.trajectory import Trajectory
 
 DOCS = Path(__file__).parents[1] / "docs" / "accuracy.md"
 
-PICTURES = "--rate-hz 5 --width-px 160 --height-px 120"
+SIZE = "--width-px 160 --height-px 120"
+PICTURES = f"--rate-hz 5 {SIZE}"
 SIMULATE = f"--train 384 --test 2 {PICTURES}"
 """Of `vioapr simulate courtyard`: the scene of these figures and of the demo."""
 
@@ -65,7 +66,7 @@ TRAIN = {
 
 REDKITCHEN_TRAIN = f"--epochs 300 --lr 1e-3 --batch-size 64 {FEW}"
 
-TWO_PLACES = "--train 12 --test 2 --rate-hz 2.5 --width-px 160 --height-px 120"
+TWO_PLACES = f"--train 12 --test 2 --rate-hz 2.5 {SIZE}"
 TWO_PLACES_TRAIN = f"--epochs 4 --batch-size 32 --lr 5e-4 {FEW}"
 
 METHODS_SHOWN = ("apr", "vio", "vio-apr", "consensus")

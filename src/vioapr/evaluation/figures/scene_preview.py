@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.evaluation.style import house_style, new_figure
+from vioapr.evaluation.style import house_style, new_figure, spread
 from vioapr.formats.base import write_bytes
 from vioapr.recording.scene import Scene
 
@@ -74,7 +74,7 @@ def route_map(scene: Scene, background: Background | None = None) -> Figure:
         axis.set(xlabel="x (m)", ylabel="y (m)")
         axis.grid(background is None)
         axis.set_aspect("equal")
-        title = f"{len(ids)} of {len(_ordered(scene))} recordings; dot: start; dashed: test"
+        title = f"{len(ids)} of {len(scene.recording_ids)} recordings; dot: start; dashed: test"
         figure.legend(loc="outside upper center", ncols=8, title=title)
     return figure
 
@@ -91,24 +91,11 @@ def save_photo_figure(figure: Figure, path: Path) -> None:
     write_bytes(path, content.getvalue())
 
 
-def _ordered(scene: Scene) -> list[str]:
-    """Training recordings, then those to test, then all others."""
-    return [id_ for ids in _splits(scene) for id_ in ids]
-
-
 def _shown(scene: Scene) -> list[str]:
-    """As `_ordered`, of every split at most so many, evenly chosen."""
-    shown: list[str] = []
-    for ids in _splits(scene):
-        rows = np.linspace(0, len(ids) - 1, min(len(ids), _MOST)).astype(int)
-        shown += [ids[row] for row in rows]
-    return shown
-
-
-def _splits(scene: Scene) -> list[tuple[str, ...]]:
-    listed = [tuple(scene.splits.get(split, ())) for split in ("train", "test")]
-    others = tuple(id_ for id_ in scene.recording_ids if id_ not in (*listed[0], *listed[1]))
-    return [*listed, others]
+    """Some training recordings, some to test, then some of the others, evenly chosen."""
+    train, test = (scene.splits.get(split, ()) for split in ("train", "test"))
+    others = [id_ for id_ in scene.recording_ids if id_ not in (*train, *test)]
+    return [ids[int(row)] for ids in (train, test, others) for row in spread(len(ids), _MOST)]
 
 
 def _read(path: Path) -> NDArray[np.uint8]:
