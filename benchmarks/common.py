@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vioapr.deploy.machine import cpu_model
+from vioapr.runtime.machine import cpu_model
 
 
 def describe_machine(packages: Sequence[str]) -> dict[str, str]:

@@ -22,7 +22,7 @@ from rich.table import Table
 
 from vioapr.evaluation.metrics import PoseErrors, pose_errors, relative_errors, summarize
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 REPEATS = 3
 
@@ -33,11 +33,11 @@ def make_walks(walks: int, frames: int) -> tuple[np.ndarray, Rigid3, Rigid3]:
 
     def stack(trajectories: list) -> Rigid3:
         return Rigid3(
-            np.stack([t.positions_m for t in trajectories]),
-            np.stack([t.quats_xyzw for t in trajectories]),
+            np.stack([t.position_m for t in trajectories]),
+            np.stack([t.quat_xyzw for t in trajectories]),
         )
 
-    times = drawn[0].gt.timestamps_s
+    times = drawn[0].gt.timestamp_s
     return times, stack([d.gt for d in drawn]), stack([d.apr for d in drawn])
 
 

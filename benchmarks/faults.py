@@ -29,7 +29,7 @@ from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
 METHOD_NAMES = ("consensus", "vio-apr")
@@ -194,7 +194,7 @@ def judge(fault: Fault, clean: FusedWalk, fused: FusedWalk, gts: tuple[Rigid3, R
         np.where(walk.is_localized, rigid.distance_m(gt, walk.world_from_cam), np.nan)
         for walk, gt in zip((clean, fused), gts, strict=True)
     ]
-    times = fused.timestamps_s - fused.timestamps_s[0]
+    times = fused.timestamp_s - fused.timestamp_s[0]
     begin = 0.0 if fault.seconds == WALK.duration_s else START_S
     end = begin + fault.seconds
     window = (times >= begin) & (times <= max(end, begin + AFTERMATH_S))

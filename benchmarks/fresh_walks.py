@@ -33,7 +33,7 @@ from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.types import Status
 from vioapr.geometry.frames import cam_from_arcam, z_up_from_y_up
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import simulate_walk, track
+from vioapr.simulation.walks import simulate_walk, track
 from vioapr.trajectory import Trajectory
 
 PHONE = {"heading_drift_deg": 0.15, "scale_error": 0.01, "step_noise_m": 0.005}
@@ -50,7 +50,7 @@ NAMES = ("raw", "vio-apr keyframes + optimized", "raw on these", "vio-apr all", 
 def make_case(key: tuple[str, str, str, str], apr: Trajectory, vio: Trajectory, gt: Trajectory):
     """A case of trajectories on one clock; ground truth has a pose for every frame."""
     frames = pair_frames(apr, vio)
-    rows = np.searchsorted(gt.timestamps_s, frames.timestamps_s - 1e-4)
+    rows = np.searchsorted(gt.timestamp_s, frames.timestamp_s - 1e-4)
     return Case(*key, frames, gt.target_from_source.at(rows))
 
 
@@ -61,7 +61,7 @@ def redrawn_cases(walks: list[WalkFolder], seed: int, draws: int) -> Iterator[Ca
         aprs = {name: read_trajectory(path) for name, path in walk.aprs.items()}
         for draw in range(draws):
             rng = np.random.default_rng([seed, number, draw])
-            vio = gt.with_transforms(track(rng, gt.timestamps_s, gt.target_from_source, **PHONE))
+            vio = gt.with_transforms(track(rng, gt.timestamp_s, gt.target_from_source, **PHONE))
             for name, apr in aprs.items():
                 yield make_case((walk.set_name, walk.walk, f"sim{draw}", name), apr, vio, gt)
 
@@ -85,7 +85,7 @@ def other_frames_cases(data: Path) -> Iterator[Case]:
 def _upright_from_table(folder: Path, table: NDArray) -> Rigid3:
     """From the table's world to the benchmark's, which knows up."""
     upright = read_trajectory(folder / "gt.tum")
-    same = _column(table[table["t"] <= upright.timestamps_s[0] + 1e-3], "gt")
+    same = _column(table[table["t"] <= upright.timestamp_s[0] + 1e-3], "gt")
     return upright.target_from_source.at(0) @ same.target_from_source.at(-1).inverse()
 
 

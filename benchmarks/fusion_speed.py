@@ -29,14 +29,14 @@ from common import describe_machine, summarize_us, time_interleaved, write_json
 from rich.console import Console
 from rich.table import Table
 
-from vioapr.deploy.machine import resident_bytes
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import run_steps
 from vioapr.fusion.pose_graph import PoseGraphParams
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.runtime.machine import resident_bytes
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 BATCHED_METHODS = ("apr", "vio", "vio-apr", "consensus", "mapnet-pgo")
 RATE_HZ = 2.0
@@ -98,7 +98,7 @@ def simulate_batch(walks: int, frames: int) -> FrameInput:
 
     shape = (frames, walks)
     return FrameInput(
-        np.stack([walk.gt.timestamps_s for walk in simulated], axis=1),
+        np.stack([walk.gt.timestamp_s for walk in simulated], axis=1),
         stack("apr"),
         np.ones(shape, dtype=bool),
         stack("vio"),

@@ -21,10 +21,10 @@ from common import describe_machine, replace_section, write_json
 from rich.progress import track
 
 from vioapr.cli.main import main as vioapr
-from vioapr.deploy.runtime import OnnxLocalizer
-from vioapr.deploy.walk import frames_of_recording, localize
 from vioapr.evaluation.metrics import pose_errors, summarize
-from vioapr.recording.scene import Scene
+from vioapr.runtime.localizer import OnnxLocalizer
+from vioapr.runtime.walk import frames_of_recording, localize
+from vioapr.scene.scene import Scene
 
 DOCS = Path(__file__).parents[1] / "docs" / "deployment.md"
 PRECISIONS = ("fp32", "fp16w", "int8w", "int8-qdq")

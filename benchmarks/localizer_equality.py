@@ -24,18 +24,18 @@ from common import describe_machine, write_json
 from rich.console import Console
 from rich.table import Table
 
-from vioapr.deploy.export import Exporter
-from vioapr.deploy.runtime import OnnxLocalizer
+from vioapr.export.exporter import Exporter
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import run_steps
 from vioapr.fusion.types import FrameInput, Status
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import SimulatedWalk, WalkParams, simulate_walk
+from vioapr.runtime.localizer import OnnxLocalizer
+from vioapr.simulation.walks import SimulatedWalk, WalkParams, simulate_walk
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from deploy.networks import DecodingNetwork, TinySpec, picture_of
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.export.networks import DecodingNetwork, TinySpec, picture_of
 
 EXTENT_M = 40.0
 BATCH = 8
@@ -88,7 +88,7 @@ def draw_events(frames: int) -> dict[str, np.ndarray]:
 def images(walk: SimulatedWalk):
     """A picture a frame."""
     for row in range(len(walk.apr)):
-        pose = np.concatenate([walk.apr.positions_m[row], walk.apr.quats_xyzw[row]])
+        pose = np.concatenate([walk.apr.position_m[row], walk.apr.quat_xyzw[row]])
         yield picture_of(pose, *_SIZES[row % len(_SIZES)])
 
 
@@ -103,7 +103,7 @@ def run_file(content: bytes, walk: SimulatedWalk, events: dict[str, np.ndarray])
         pose = walk.vio.target_from_source.at(row) if events["tracking_ok"][row] else None
         answers.append(
             localizer.update(
-                float(walk.gt.timestamps_s[row] - walk.gt.timestamps_s[0]),
+                float(walk.gt.timestamp_s[row] - walk.gt.timestamp_s[0]),
                 image if events["has_image"][row] else None,
                 pose,
                 tracking_reset=bool(events["tracking_reset"][row]),
@@ -127,8 +127,8 @@ def run_eager(exporter: Exporter, walk: SimulatedWalk, events: dict[str, np.ndar
     statuses, poses = [], []
     for row, image in enumerate(images(walk)):
         flags = {name: torch.tensor([float(flag[row])]) for name, flag in events.items()}
-        pose = np.concatenate([walk.vio.positions_m[row], walk.vio.quats_xyzw[row]])
-        seconds = walk.gt.timestamps_s[row] - walk.gt.timestamps_s[0]
+        pose = np.concatenate([walk.vio.position_m[row], walk.vio.quat_xyzw[row]])
+        seconds = walk.gt.timestamp_s[row] - walk.gt.timestamp_s[0]
         inputs = flags | {
             "vio_from_cam": torch.from_numpy(pose.astype(np.float32)),
             "timestamp_s": torch.tensor([seconds], dtype=torch.float32),
@@ -152,7 +152,7 @@ def numpy_inputs(walk: SimulatedWalk, events: dict[str, np.ndarray], found: dict
         *(part.astype(np.float32).astype(np.float64) for part in walk.vio.target_from_source)
     )
     return FrameInput(
-        walk.gt.timestamps_s - walk.gt.timestamps_s[0],
+        walk.gt.timestamp_s - walk.gt.timestamp_s[0],
         rigid.choose(has_apr, apr, identity),
         has_apr,
         vio,

@@ -30,12 +30,12 @@ from rich.console import Console
 from rich.table import Table
 
 from vioapr.cli.console import progress
-from vioapr.deploy.bench import example_feed, part_runs, summarize_ms
-from vioapr.deploy.export import Exporter
-from vioapr.deploy.runtime import open_session
+from vioapr.export.exporter import Exporter
 from vioapr.fusion.methods import METHODS
 from vioapr.regression.networks import build
 from vioapr.regression.spec import RegressorSpec
+from vioapr.runtime.bench import example_feed, part_runs, summarize_ms
+from vioapr.runtime.localizer import open_session
 
 MODELS = {"posenet": "ResNet-34", "mobile": "MobileNetV3-Large"}
 PRECISIONS = ("fp16w", "int8w", "int8-qdq")
@@ -45,7 +45,7 @@ _PEAK = """
 import sys
 from pathlib import Path
 import numpy as np
-from vioapr.deploy.runtime import OnnxLocalizer
+from vioapr.runtime.localizer import OnnxLocalizer
 from vioapr.geometry.rigid import Rigid3
 localizer = OnnxLocalizer(Path(sys.argv[1]), threads=1)
 for k in range(10):

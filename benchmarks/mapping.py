@@ -38,10 +38,10 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.umeyama import align_umeyama
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
-from vioapr.recording.frames import Intrinsics, Tracking
-from vioapr.recording.info import RecordingInfo
-from vioapr.recording.scene import Scene
-from vioapr.recording.writer import RecordingWriter
+from vioapr.scene.frames import Intrinsics, Tracking
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.scene import Scene
+from vioapr.scene.writer import RecordingWriter
 from vioapr.trajectory import Trajectory, associate
 
 REDKITCHEN = Intrinsics(341, 256, 280.0, 280.0, 170.5, 128.0)
@@ -70,13 +70,13 @@ def redkitchen_rows(data: Path) -> list[dict[str, str]]:
 def write_redkitchen(data: Path, rows: list[dict[str, str]], folder: Path) -> Trajectory:
     """A recording of some frames with SLAM as VIO; returns their SfM poses."""
     info = RecordingInfo(tracker="RGB-D SLAM", is_gravity_aligned=False)
-    times_s = [float(row["t"]) for row in rows]
+    timestamp_s = [float(row["t"]) for row in rows]
     with RecordingWriter(folder, info) as writer:
-        for time_s, row in zip(times_s, rows, strict=True):
+        for time_s, row in zip(timestamp_s, rows, strict=True):
             image = data / "images" / row["image"]
             vio_from_cam = HALF_TURN_ABOUT_X @ read_pose(row, "dslam")
             writer.add_frame(time_s, image.name, image, Tracking.NORMAL, vio_from_cam, REDKITCHEN)
-    return Trajectory.from_arrays(times_s, *rigid.stack([read_pose(row, "gt") for row in rows]))
+    return Trajectory.from_arrays(timestamp_s, *rigid.stack([read_pose(row, "gt") for row in rows]))
 
 
 def read_pose(row: dict[str, str], kind: str) -> Rigid3:
@@ -146,7 +146,7 @@ def _odometry_scale(data: Path, truth: Trajectory) -> dict[str, float]:
     slam = np.array([read_pose(row, "dslam").translation_m for row in rows])
     # The map is nearly free of error, so it is the side that is scaled: noise in the scaled
     # side would make the scale too small.
-    scale = align_umeyama(truth.positions_m, slam, with_scale=True).scale
+    scale = align_umeyama(truth.position_m, slam, with_scale=True).scale
     return {"odometry_true_metres_per_metre": 1 / float(scale)}
 
 

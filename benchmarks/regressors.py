@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 from accuracy import markdown
 from common import describe_machine, replace_section, write_json
-
 from mapping import redkitchen_rows, write_redkitchen
+
 from vioapr.cli.console import progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.cli.main import main as vioapr
@@ -37,7 +37,7 @@ from vioapr.evaluation.tables import group_results, to_json
 from vioapr.evaluation.walks import Case, find_walks, load_cases
 from vioapr.fusion.methods import METHODS
 from vioapr.geometry import quaternion
-from vioapr.recording.scene import Scene, World
+from vioapr.scene.scene import Scene, World
 from vioapr.trajectory import Trajectory
 
 DOCS = Path(__file__).parents[1] / "docs" / "accuracy.md"
@@ -125,7 +125,7 @@ def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
 
 def _extent_m(scene: Scene) -> float:
     """The longer side, on the ground, of the box around all training cameras."""
-    position_m = np.concatenate([_gt(scene, id_).positions_m for id_ in scene.splits["train"]])
+    position_m = np.concatenate([_gt(scene, id_).position_m for id_ in scene.splits["train"]])
     return float(np.ptp(position_m, axis=0)[:2].max())
 
 

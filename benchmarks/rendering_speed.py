@@ -23,14 +23,14 @@ from rich.console import Console
 from rich.table import Table
 
 from vioapr.cli.console import progress
-from vioapr.recording.courtyard import world
-from vioapr.recording.courtyard.context import describe
-from vioapr.recording.courtyard.people import Crowd
-from vioapr.recording.courtyard.photography import Photographer
-from vioapr.recording.courtyard.plan import CourtyardParams, plan_motion, plan_recordings
-from vioapr.recording.courtyard.record import make_renderer
-from vioapr.recording.courtyard.simulate import few_threads
-from vioapr.recording.courtyard.weather import WEATHERS
+from vioapr.simulation.courtyard import world
+from vioapr.simulation.courtyard.context import describe
+from vioapr.simulation.courtyard.people import Crowd
+from vioapr.simulation.courtyard.photography import Photographer
+from vioapr.simulation.courtyard.plan import CourtyardParams, plan_motion, plan_recordings
+from vioapr.simulation.courtyard.record import make_renderer
+from vioapr.simulation.courtyard.simulate import few_threads
+from vioapr.simulation.courtyard.weather import WEATHERS
 
 CASES = ((256, 192, False), (256, 192, True), (480, 360, False))
 REPEATS = 3

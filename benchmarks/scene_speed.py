@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from vioapr.formats import tum
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 REPEATS = 3
 RATE_HZ = 30.0

@@ -39,9 +39,8 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from vioapr.cli.console import progress
+from vioapr.files.images import encode_image, read_rgb, write_image
 from vioapr.geometry import quaternion
-from vioapr.recording.courtyard.noise import fractal
-from vioapr.recording.images import encode_image, read_rgb, write_image
 from vioapr.regression.augmentation import normalize
 from vioapr.regression.batches import Batch, BatchSource
 from vioapr.regression.cache import cached_images
@@ -51,6 +50,7 @@ from vioapr.regression.learner import Learner
 from vioapr.regression.networks import build
 from vioapr.regression.params import TrainingParams
 from vioapr.regression.spec import RegressorSpec
+from vioapr.simulation.courtyard.noise import fractal
 
 PAPER_IMAGES, PAPER_EPOCHS = 2058, 400
 GOAL_RESIDENT, GOAL_PLAIN = 0.95, 5.0

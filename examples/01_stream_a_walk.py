@@ -9,7 +9,7 @@ import numpy as np
 
 from vioapr import Localizer, Status
 from vioapr.geometry.rigid import distance_m
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 FRAMES_PER_PREDICTION = 30
 
@@ -20,7 +20,7 @@ def main() -> None:
     localizer = Localizer("vio-apr")
     errors_m: dict[Status, list[float]] = {status: [] for status in Status}
     counts: Counter[Status] = Counter()
-    for row, timestamp_s in enumerate(walk.gt.timestamps_s):
+    for row, timestamp_s in enumerate(walk.gt.timestamp_s):
         has_prediction = row % FRAMES_PER_PREDICTION == 0
         apr_world_from_cam = walk.apr.target_from_source.at(row) if has_prediction else None
         estimate = localizer.update(

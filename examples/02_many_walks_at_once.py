@@ -15,7 +15,7 @@ from vioapr.fusion.offline import run_steps, stack_walks
 from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 WALKS = 20
 THRESHOLDS_M = np.array([0.1, 0.2, 0.4, 0.8, 1.6])
@@ -36,8 +36,8 @@ def main() -> None:
     fused = run_steps(METHODS["vio-apr"], params, frames)
 
     gt_world_from_cam = Rigid3(
-        np.stack([walk.gt.positions_m for walk in walks], axis=1),
-        np.stack([walk.gt.quats_xyzw for walk in walks], axis=1),
+        np.stack([walk.gt.position_m for walk in walks], axis=1),
+        np.stack([walk.gt.quat_xyzw for walk in walks], axis=1),
     )
     errors_m = pose_errors(gt_world_from_cam, fused.world_from_cam).position_m
     is_trusted = (fused.status == Status.KEYFRAME) | (fused.status == Status.OPTIMIZED)

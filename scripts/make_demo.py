@@ -16,7 +16,7 @@ from pathlib import Path
 
 from vioapr.cli.demo import LOCALIZER, SCENE
 from vioapr.cli.main import main as vioapr
-from vioapr.recording.scene import Scene
+from vioapr.scene.scene import Scene
 
 PACKAGE = Path(__file__).parent.parent / "src" / "vioapr" / "demo"
 RECORDING = "test-01"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.localizers import exporter_of, model_of  # noqa: F401  (fixtures)
 
 
 @pytest.fixture(scope="session")
@@ -54,7 +55,7 @@ def rng() -> np.random.Generator:
 def rendering() -> None:
     """For tests that render: skipped, with the reason, where that is not possible."""
     from vioapr.errors import VioAprError
-    from vioapr.recording.courtyard.context import create_context
+    from vioapr.simulation.courtyard.context import create_context
 
     try:
         create_context().release()

@@ -9,7 +9,7 @@ import numpy as np
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import SimulatedWalk
+from vioapr.simulation.walks import SimulatedWalk
 
 
 def to_numpy(array: Any) -> np.ndarray:
@@ -42,7 +42,7 @@ def frames_of(walk: SimulatedWalk) -> FrameInput:
     """A simulated walk's frames, all with prediction and tracking, shape (n,)."""
     count = len(walk.gt)
     return FrameInput(
-        walk.gt.timestamps_s,
+        walk.gt.timestamp_s,
         walk.apr.target_from_source,
         np.ones(count, dtype=bool),
         walk.vio.target_from_source,

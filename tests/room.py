@@ -16,10 +16,10 @@ from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.umeyama import Sim3
 from vioapr.mapping.params import MappingParams
-from vioapr.recording.frames import Intrinsics, Tracking
-from vioapr.recording.info import RecordingInfo
-from vioapr.recording.scene import Scene
-from vioapr.recording.writer import RecordingWriter
+from vioapr.scene.frames import Intrinsics, Tracking
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.scene import Scene
+from vioapr.scene.writer import RecordingWriter
 from vioapr.trajectory import Trajectory
 
 SIZE_M = np.array([6.0, 5.0, 3.0])
@@ -125,7 +125,7 @@ def add_recording(
         for k in range(len(gt)):
             picture = render(gt.target_from_source.at(k), textures)
             writer.add_frame(
-                float(gt.timestamps_s[k]),
+                float(gt.timestamp_s[k]),
                 f"{k:04d}.jpg",
                 picture,
                 Tracking.NORMAL,

@@ -6,7 +6,7 @@ import pytest
 
 from vioapr.cli import main
 from vioapr.formats import tum
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 
 @pytest.fixture

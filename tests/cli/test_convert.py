@@ -27,9 +27,9 @@ def test_any_to_any(source, target, tmp_path):
     rate = {} if FORMATS[source].has_times else {"rate_hz": 2.0}
     convert(path, out, from_=source, to=target, **rate)
     original, converted = read_trajectory(path, source), read_trajectory(out, target)
-    np.testing.assert_allclose(converted.positions_m, original.positions_m, atol=1e-9)
+    np.testing.assert_allclose(converted.position_m, original.position_m, atol=1e-9)
     np.testing.assert_allclose(
-        np.abs((converted.quats_xyzw * original.quats_xyzw).sum(axis=1)), 1, atol=1e-9
+        np.abs((converted.quat_xyzw * original.quat_xyzw).sum(axis=1)), 1, atol=1e-9
     )
 
 
@@ -131,7 +131,7 @@ def test_a_sequence_is_picked(tmp_path):
     path = tmp_path / "poses.txt"
     path.write_text("a/1.png 1 0 0 0 0 0 0\nb/2.png 1 0 0 0 0 0 0\n")
     convert(path, tmp_path / "out.tum", rate_hz=2.0, sequence="b")
-    assert read_trajectory(tmp_path / "out.tum").timestamps_s.tolist() == [1]
+    assert read_trajectory(tmp_path / "out.tum").timestamp_s.tolist() == [1]
 
 
 def test_an_unknown_format_is_refused(tmp_path):

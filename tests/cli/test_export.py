@@ -4,20 +4,19 @@ import sys
 
 import numpy as np
 import pytest
-
-from deploy.conftest import images
+from tests.localizers import images
 
 pytestmark = pytest.mark.slow
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 for package in ("onnx", "onnxscript", "onnxruntime", "safetensors"):
     pytest.importorskip(package, reason=f"{package} is not installed")
 
-from vioapr.deploy.runtime import OnnxLocalizer, open_session  # noqa: E402
 from vioapr.geometry.rigid import Rigid3  # noqa: E402
-from vioapr.recording.frames import Tracking  # noqa: E402
-from vioapr.recording.info import RecordingInfo  # noqa: E402
-from vioapr.recording.scene import Scene  # noqa: E402
-from vioapr.recording.writer import RecordingWriter  # noqa: E402
+from vioapr.runtime.localizer import OnnxLocalizer, open_session  # noqa: E402
+from vioapr.scene.frames import Tracking  # noqa: E402
+from vioapr.scene.info import RecordingInfo  # noqa: E402
+from vioapr.scene.scene import Scene  # noqa: E402
+from vioapr.scene.writer import RecordingWriter  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +45,7 @@ def scene(tmp_path):
 
 
 def test_a_checkpoint_becomes_one_file(run, checkpoint, tmp_path):
-    from vioapr.deploy.preprocess import Preprocessor
+    from vioapr.export.preprocess import Preprocessor
     from vioapr.regression.checkpoint import load
 
     out = tmp_path / "localizer.onnx"
@@ -90,6 +89,6 @@ def test_what_cannot_be_exported(fails, checkpoint, tmp_path, monkeypatch):
     (tmp_path / "torn.safetensors").write_bytes(checkpoint.read_bytes()[:1000])
     assert "half-written" in fails("export", tmp_path / "torn.safetensors", *out)
     monkeypatch.setitem(sys.modules, "onnx", None)
-    monkeypatch.delitem(sys.modules, "vioapr.deploy.export", raising=False)
-    monkeypatch.delitem(sys.modules, "vioapr.deploy.onnx_graph", raising=False)
+    monkeypatch.delitem(sys.modules, "vioapr.export.exporter", raising=False)
+    monkeypatch.delitem(sys.modules, "vioapr.export.onnx_graph", raising=False)
     assert "pip install 'vioapr[export]'" in fails("export", checkpoint, *out)

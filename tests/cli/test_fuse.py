@@ -146,7 +146,7 @@ def test_required_options_are_named(fails):
 
 
 def write_sigmas(path, walk_dir, rng):
-    times = read_trajectory(walk_dir / "apr_net.tum").timestamps_s
+    times = read_trajectory(walk_dir / "apr_net.tum").timestamp_s
     drawn = rng.uniform(1, 9, (len(times), 2))
     rows = [f"{time},{m},{deg}" for time, (m, deg) in zip(times, drawn, strict=True)]
     path.write_text("\n".join(["timestamp_s,sigma_position_m,sigma_orientation_deg", *rows]) + "\n")

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.localizers import images
 
-from deploy.conftest import exporter_of, images, model_of  # noqa: F401
-from vioapr.deploy.contract import METADATA_KEY
 from vioapr.errors import VioAprError
 from vioapr.formats import tum
-from vioapr.recording.frames import Tracking
-from vioapr.recording.info import RecordingInfo
-from vioapr.recording.scene import Scene
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
-from vioapr.recording.writer import RecordingWriter
+from vioapr.scene.frames import Tracking
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.scene import Scene
+from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.contract import METADATA_KEY
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 pytestmark = pytest.mark.slow
 FRAMES = 20
@@ -34,7 +34,7 @@ def scene(tmp_path):
         for row, image in enumerate(images(FRAMES)):
             is_lost = row == 12
             writer.add_frame(
-                float(walk.gt.timestamps_s[row]),
+                float(walk.gt.timestamp_s[row]),
                 "" if row == 7 else f"{row:04d}.jpg",
                 None if row == 7 else image,
                 Tracking.LOST if is_lost else Tracking.NORMAL,
@@ -52,7 +52,7 @@ def recording(scene):
 
 
 @pytest.fixture
-def model(model_of):  # noqa: F811
+def model(model_of):
     return model_of("consensus")
 
 
@@ -85,7 +85,7 @@ def test_images_with_a_trajectory_give_the_same(run, model, recording, tmp_path,
     vio = scene.recording("walk").frames.to_trajectory()
     lines = ["# timestamp_s x y z qx qy qz qw"]
     for row in range(len(vio)):
-        values = [vio.timestamps_s[row], *vio.positions_m[row], *vio.quats_xyzw[row]]
+        values = [vio.timestamp_s[row], *vio.position_m[row], *vio.quat_xyzw[row]]
         lines.append(" ".join(repr(float(value)) for value in values))
     (tmp_path / "vio.tum").write_text("\n".join(lines) + "\n")
     for row in range(FRAMES):  # images named by their time
@@ -198,7 +198,7 @@ def test_a_bad_model_is_one_line(fails, model, recording, tmp_path, damage, mess
         return change
 
     def rename(content):
-        from vioapr.deploy.onnx_graph import rename_input
+        from vioapr.export.onnx_graph import rename_input
 
         rename_input(content, "timestamp_s", "time")
 
@@ -270,6 +270,6 @@ def test_without_ground_truth_there_is_no_report(fails, model, recording, tmp_pa
 
 
 def test_errors_are_the_projects_own():
-    from vioapr.deploy.contract import ContractError
+    from vioapr.schemas.contract import ContractError
 
     assert issubclass(ContractError, VioAprError)

@@ -1,9 +1,9 @@
 import sys
 
 import pytest
+from tests.room import make_room
 
-from room import make_room
-from vioapr.recording.scene import Scene
+from vioapr.scene.scene import Scene
 
 
 @pytest.fixture(scope="module")

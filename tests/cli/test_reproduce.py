@@ -1,6 +1,6 @@
 import pytest
 
-from vioapr.reproduction.datasets import DATA_SETS
+from vioapr.recipes.datasets import DATA_SETS
 
 
 @pytest.fixture

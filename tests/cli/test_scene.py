@@ -4,15 +4,15 @@ import json
 
 import pytest
 from PIL import Image
-from tests.recording.importers.sources import (
+from tests.importers.sources import (
     make_images,
     make_marvin,
     make_nerfstudio,
     make_stray,
 )
-from tests.recording.scenes import make_scene
+from tests.scene.scenes import make_scene
 
-from vioapr.recording.importers.registry import IMPORTERS
+from vioapr.importers.registry import IMPORTERS
 
 
 @pytest.fixture

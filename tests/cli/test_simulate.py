@@ -1,7 +1,7 @@
 import pytest
 from PIL import Image
 
-from vioapr.recording.scene import Scene
+from vioapr.scene.scene import Scene
 
 
 @pytest.mark.slow

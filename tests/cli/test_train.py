@@ -19,9 +19,9 @@ from safetensors.torch import save_file  # noqa: E402
 from tests.regression.toy import make_scene, spec  # noqa: E402
 
 from vioapr.formats.registry import read_trajectory  # noqa: E402
-from vioapr.recording.scene import Scene  # noqa: E402
 from vioapr.regression.checkpoint import load_tensors, save_regressor  # noqa: E402
 from vioapr.regression.networks import build  # noqa: E402
+from vioapr.scene.scene import Scene  # noqa: E402
 
 SMALL = ("--model", "mobile", "--resize", 36, "--crop", 32, "--batch-size", 8, "--lr", 1e-3)
 FRAMES = 12
@@ -87,7 +87,7 @@ def test_from_training_to_evaluation(run, scene, tmp_path):
             "apr_mobile.tum", "apr_mobile.sigma.csv", "gt.tum", "vio_arkit.tum",
         }  # fmt: skip
         poses = read_trajectory(walks / id_ / "apr_mobile.tum")
-        np.testing.assert_allclose(poses.timestamps_s, 0.2 * np.arange(FRAMES))
+        np.testing.assert_allclose(poses.timestamp_s, 0.2 * np.arange(FRAMES))
         table = np.loadtxt(walks / id_ / "apr_mobile.sigma.csv", delimiter=",", skiprows=1)
         assert table.shape == (FRAMES, 3)
         assert (table[:, 1:] > 0).all()
@@ -103,7 +103,7 @@ def test_splits_names_and_folders_of_predictions(run, scene, regressor, tmp_path
     assert found == ["test-1", "test-2", "train-1", "train-2"]
     assert run(*arguments, "--split", "train", "--batch-size", 5)[0] == 0
     poses = [
-        read_trajectory(tmp_path / "out" / "train-1" / f"apr_{name}.tum").positions_m
+        read_trajectory(tmp_path / "out" / "train-1" / f"apr_{name}.tum").position_m
         for name in ("net", "mobile")
     ]
     np.testing.assert_allclose(*poses, atol=1e-4)

@@ -3,7 +3,7 @@ import json
 import numpy as np
 
 from vioapr.formats import tum
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 
 def test_table_json_and_figures(run, walk_dir, tmp_path):
@@ -23,7 +23,7 @@ def test_table_json_and_figures(run, walk_dir, tmp_path):
 
 def test_a_diverging_tracker_is_named(run, tmp_path):
     walk = simulate_walk(WalkParams(duration_s=60), seed=1)
-    walk.vio.positions_m[:, 0] += np.arange(len(walk.vio)) ** 2.0
+    walk.vio.position_m[:, 0] += np.arange(len(walk.vio)) ** 2.0
     tum.write(tmp_path / "w_gt.tum", walk.gt)
     tum.write(tmp_path / "w_arkit.tum", walk.vio)
     code, out, err = run("vio-quality", tmp_path / "w")

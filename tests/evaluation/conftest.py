@@ -3,7 +3,7 @@
 import pytest
 
 from vioapr.formats import tum
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 
 def write_walk(folder, seed, duration_s=40.0):

@@ -14,7 +14,7 @@ from vioapr.evaluation.metrics import pose_errors, relative_errors
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
 from vioapr.geometry.umeyama import align_umeyama
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 pytestmark = pytest.mark.slow
 

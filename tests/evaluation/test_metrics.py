@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.helpers import random_rigid, to_numpy
 
-from helpers import random_rigid, to_numpy
 from vioapr.evaluation.metrics import (
     PoseErrors,
     cumulative_distribution,

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from vioapr.errors import AssociationError, FormatError, ParameterError
-from vioapr.evaluation.figures.vio_quality import vio_distribution_figure, vio_drift_figure
-from vioapr.evaluation.style import render
 from vioapr.evaluation.vio_quality import VioQualityParams, align_track, analyze, pairs_apart
 from vioapr.evaluation.vio_tables import share_within, steady, to_json
 from vioapr.evaluation.vio_tracks import VioTrack, find_walks, make_track
 from vioapr.formats import tum
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.frames import Intrinsics, Tracking
-from vioapr.recording.info import RecordingInfo
-from vioapr.recording.scene import Scene
-from vioapr.recording.writer import RecordingWriter
+from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
+from vioapr.report.style import render
+from vioapr.scene.frames import Intrinsics, Tracking
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.scene import Scene
+from vioapr.scene.writer import RecordingWriter
 from vioapr.trajectory import Trajectory
 
 TURN_Z_90 = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
@@ -34,7 +34,7 @@ def circle(count=120, rate_hz=2.0, radius_m=5.0):
 def track_of(gt, vio_from_cam, walk="walk", tracking_world=None):
     worlds = np.zeros(len(gt), dtype=int) if tracking_world is None else tracking_world
     poses = gt.target_from_source
-    return VioTrack("set", walk, "vio", gt.timestamps_s, poses, vio_from_cam, worlds)
+    return VioTrack("set", walk, "vio", gt.timestamp_s, poses, vio_from_cam, worlds)
 
 
 def as_vio(gt):
@@ -58,7 +58,7 @@ def test_relative_errors_are_between_lengths():
     gt = circle(rate_hz=1.0)
     vio = as_vio(gt)
     quality = analyze(track_of(gt, vio._replace(translation_m=2 * vio.translation_m)))
-    steps = np.linalg.norm(np.diff(gt.positions_m, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(gt.position_m, axis=0), axis=1)
     np.testing.assert_allclose(quality.gaps.distance_m, steps, atol=1e-9)
     np.testing.assert_allclose(quality.gaps.angle_deg, 0, atol=1e-5)
     assert quality.scale == pytest.approx(0.5)
@@ -104,8 +104,8 @@ def test_every_tracking_world_is_aligned_by_itself():
 def test_a_straight_line_is_aligned_by_orientations(is_straight, rng):
     gt = circle()
     if is_straight:
-        gt.positions_m[:] = np.arange(len(gt))[:, None] * [0.5, 0.0, 0.0]
-        gt.positions_m[:] += 0.02 * rng.standard_normal(gt.positions_m.shape)
+        gt.position_m[:] = np.arange(len(gt))[:, None] * [0.5, 0.0, 0.0]
+        gt.position_m[:] += 0.02 * rng.standard_normal(gt.position_m.shape)
     found = align_track(as_vio(gt), gt.target_from_source)
     assert rigid.angle_deg(found, WORLD_FROM_VIO) < 0.1
     assert rigid.distance_m(found, WORLD_FROM_VIO) < 0.05
@@ -182,7 +182,7 @@ def test_ground_truth_is_interpolated_but_not_over_gaps():
     )
     vio = Trajectory.from_arrays([0.1, 0.3, 2.0, 5.005], np.zeros((4, 3)), [[0, 0, 0, 1]] * 4)
     track = make_track("s", "w", "v", vio, gt)
-    assert track.timestamps_s.tolist() == [0.1, 0.3, 5.005]
+    assert track.timestamp_s.tolist() == [0.1, 0.3, 5.005]
     np.testing.assert_allclose(track.gt_world_from_cam.translation_m[:, 0], [0.5, 1.5, 3.0])
     assert track.frames_without_gt == 1
 
@@ -200,7 +200,7 @@ def test_frames_without_clock_go_by_name_and_the_rate():
 
 def test_walks_that_do_not_meet():
     gt = circle()
-    late = Trajectory(gt.timestamps_s + 1e4, gt.positions_m, gt.quats_xyzw)
+    late = Trajectory(gt.timestamp_s + 1e4, gt.position_m, gt.quat_xyzw)
     with pytest.raises(AssociationError, match="set/walk: no frame of arkit has ground truth"):
         make_track("set", "walk", "arkit", late, gt)
 
@@ -240,7 +240,7 @@ def test_scenes_are_read_with_their_tracking_worlds(tmp_path):
     with RecordingWriter(scene.recording_folder("walk"), info) as writer:
         for row, state in enumerate(states):
             pose = None if state == Tracking.LOST else vio.at(row)
-            writer.add_frame(gt.timestamps_s[row], "", None, state, pose, Intrinsics())
+            writer.add_frame(gt.timestamp_s[row], "", None, state, pose, Intrinsics())
     scene.write_gt("walk", gt)
     ((track,),) = (walk.read(0.01) for walk in find_walks([scene.folder]))
     assert track.title == "Yard/walk arkit"

@@ -91,13 +91,13 @@ def test_a_pose_that_can_be_checked_by_hand(case, tmp_path):
     path.write_text(content)
     read = read_trajectory(path, case.split(",")[0])
     pose = read.target_from_source.at(0)
-    np.testing.assert_allclose(read.positions_m[0], POSITION, atol=1e-12)
+    np.testing.assert_allclose(read.position_m[0], POSITION, atol=1e-12)
     np.testing.assert_allclose(pose.apply(np.array(IN_FRONT) * 1.0), [1, 6, 3], atol=1e-12)
     np.testing.assert_allclose(pose.apply(np.array(ABOVE) * 1.0), [1, 2, 4], atol=1e-12)
     format_ = FORMATS[case.split(",")[0]]
     assert read.names == (("a/b.png",) if format_.has_names else None)
     if read.is_timed and format_.name != "record3d":
-        assert read.timestamps_s[0] == 10.5
+        assert read.timestamp_s[0] == 10.5
 
 
 def test_7scenes_folder(tmp_path):
@@ -145,24 +145,24 @@ def test_advio_truth_is_mirrored_back(tmp_path):
 def test_advio_rows_before_the_tracker_started_are_left_out(tmp_path):
     path = tmp_path / "arkit.csv"
     path.write_text("0,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n2,0,0,0,1,0,0,0\n3,1,0,0,1,0,0,0\n")
-    assert read_trajectory(path).timestamps_s.tolist() == [3]
+    assert read_trajectory(path).timestamp_s.tolist() == [3]
     path.write_text("0,0,0,0,1,0,0,0\n1,1,0,0,1,0,0,0\n")
-    assert read_trajectory(path).timestamps_s.tolist() == [0, 1]
+    assert read_trajectory(path).timestamp_s.tolist() == [0, 1]
 
 
 def test_nanoseconds_are_rounded_once(tmp_path):
     path = tmp_path / "data.csv"
     path.write_text("1403636579763555584,0,0,0,1,0,0,0\n")
-    assert read_trajectory(path).timestamps_s[0] == 1403636579.763555584
+    assert read_trajectory(path).timestamp_s[0] == 1403636579.763555584
 
 
 def test_record3d_times(tmp_path):
     path = tmp_path / "metadata"
     pose = [0, 0, 0, 1, 0, 0, 0]
     path.write_text(json.dumps({"fps": 50, "poses": [pose] * 3}))
-    assert read_trajectory(path).timestamps_s.tolist() == [0, 0.02, 0.04]
+    assert read_trajectory(path).timestamp_s.tolist() == [0, 0.02, 0.04]
     path.write_text(json.dumps({"fps": 50, "frameTimestamps": [1, 2, 4], "poses": [pose] * 3}))
-    assert read_trajectory(path).timestamps_s.tolist() == [1, 2, 4]
+    assert read_trajectory(path).timestamp_s.tolist() == [1, 2, 4]
     path.write_text(json.dumps({"poses": [pose] * 3}))
     assert not read_trajectory(path).is_timed
-    assert read_trajectory(path, None, ReadOptions(rate_hz=2)).timestamps_s.tolist() == [0, 0.5, 1]
+    assert read_trajectory(path, None, ReadOptions(rate_hz=2)).timestamp_s.tolist() == [0, 0.5, 1]

@@ -8,14 +8,14 @@ import pytest
 from vioapr.errors import AssociationError, FormatError
 from vioapr.formats import conventions
 from vioapr.formats.base import ReadOptions
-from vioapr.formats.checks import (
+from vioapr.formats.inspection import inspect_file
+from vioapr.formats.readings import (
     READINGS,
     find_better_reading,
     fit_readings,
     fits_better_inverted,
     up_of,
 )
-from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import FORMATS
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
@@ -64,9 +64,9 @@ def inspect(tmp_path, trajectory, **options):
 
 def changed(walk, **fields):
     arrays = {
-        "timestamps_s": walk.timestamps_s.copy(),
-        "positions_m": walk.positions_m.copy(),
-        "quats_xyzw": walk.quats_xyzw.copy(),
+        "timestamp_s": walk.timestamp_s.copy(),
+        "position_m": walk.position_m.copy(),
+        "quat_xyzw": walk.quat_xyzw.copy(),
     }
     for name, change in fields.items():
         arrays[name] = change(arrays[name])
@@ -103,7 +103,7 @@ def test_a_clean_walk_against_a_clean_one(walk, other, tmp_path):
 
 def test_portrait(walk):
     quarter = quaternion.from_rotvec(np.array([0, 0, np.pi / 2]))
-    up, spread, is_portrait = up_of(quaternion.multiply(walk.quats_xyzw, quarter))
+    up, spread, is_portrait = up_of(quaternion.multiply(walk.quat_xyzw, quarter))
     assert is_portrait
     assert abs(up[2]) > 0.99
     assert spread < 10
@@ -115,7 +115,7 @@ def freeze(rows):
 
 
 def test_frozen(walk, tmp_path):
-    bad = changed(walk, positions_m=freeze, quats_xyzw=freeze)
+    bad = changed(walk, position_m=freeze, quat_xyzw=freeze)
     warnings = inspect(tmp_path, bad).warnings
     assert warnings[0].startswith("frozen: 59 of 600 poses (10%)")
     assert warnings[1].startswith("jumps: 1 of 599")
@@ -133,23 +133,23 @@ def test_jump(walk, tmp_path):
         return positions
 
     assert "jumps: 1 of 599 steps" in only_warning(
-        inspect(tmp_path, changed(walk, positions_m=jump))
+        inspect(tmp_path, changed(walk, position_m=jump))
     )
 
 
 def test_millimetres(walk, tmp_path):
-    bad = changed(walk, positions_m=lambda positions: positions * 1000)
+    bad = changed(walk, position_m=lambda positions: positions * 1000)
     assert "scale or clock: the median speed is 1.3" in only_warning(inspect(tmp_path, bad))
 
 
 def test_kilometres(walk, tmp_path):
-    bad = changed(walk, positions_m=lambda positions: positions / 1000)
+    bad = changed(walk, position_m=lambda positions: positions / 1000)
     assert "scale: 95 % of the steps are slower than" in only_warning(inspect(tmp_path, bad))
 
 
 @pytest.mark.parametrize("order", [[3, 0, 1, 2], [1, 2, 3, 0]])
 def test_quaternion_order(order, walk, tmp_path):
-    bad = changed(walk, quats_xyzw=lambda quats: quats[:, order])
+    bad = changed(walk, quat_xyzw=lambda quats: quats[:, order])
     assert "rotations: maybe quaternion in the other order" in only_warning(inspect(tmp_path, bad))
 
 
@@ -200,7 +200,7 @@ def test_every_wrong_reading_is_found_against_another_track(reading, walk, other
         quaternion.from_rotvec(rng.normal(scale=0.01, size=(len(walk), 3))),
     )
     noisy = Trajectory.from_arrays(
-        walk.timestamps_s,
+        walk.timestamp_s,
         poses.translation_m + noise.translation_m,
         quaternion.multiply(poses.quat_xyzw, noise.quat_xyzw),
     )
@@ -245,13 +245,13 @@ def test_one_pose(tmp_path):
 
 def test_times_that_hardly_differ(walk, tmp_path):
     times = np.arange(len(walk)) * 5e-324
-    bad = Trajectory.from_arrays(times, walk.positions_m, walk.quats_xyzw)
+    bad = Trajectory.from_arrays(times, walk.position_m, walk.quat_xyzw)
     assert any("scale or clock" in warning for warning in inspect(tmp_path, bad).warnings)
     json.dumps(inspect(tmp_path, bad).to_json(), allow_nan=False)
 
 
 def test_json_has_no_nan(walk, other, tmp_path):
-    still = changed(walk, positions_m=lambda positions: positions * 0)
+    still = changed(walk, position_m=lambda positions: positions * 0)
     inspection = inspect(tmp_path, still, against=other)
     text = json.dumps(inspection.to_json(), allow_nan=False)
     assert json.loads(text)["fits"][0]["direction_deg"] is None

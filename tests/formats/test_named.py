@@ -25,7 +25,7 @@ def test_names_come_in_natural_order(path):
     trajectory = read(path)
     assert trajectory.names == ("a/frame2.png", "b/frame9.png", "b/frame10.png")
     assert not trajectory.is_timed
-    assert trajectory.timestamps_s.tolist() == [0, 1, 2]
+    assert trajectory.timestamp_s.tolist() == [0, 1, 2]
 
 
 def test_a_sequence_is_picked_by_folder(path):
@@ -42,7 +42,7 @@ def test_a_sequence_may_be_the_last_part_of_a_path(tmp_path):
 def test_a_rate_makes_times_of_frame_numbers(path):
     trajectory = read(path, sequence="b", rate_hz=2)
     assert trajectory.is_timed
-    assert trajectory.timestamps_s.tolist() == [4.5, 5]
+    assert trajectory.timestamp_s.tolist() == [4.5, 5]
 
 
 def test_a_rate_for_several_sequences_lists_them(path):
@@ -65,7 +65,7 @@ def test_a_name_without_number_has_no_time(tmp_path):
 def test_the_number_is_the_last_of_the_file_name(tmp_path):
     file = tmp_path / "poses.txt"
     file.write_text(f"s7/image1_000030.color.png {POSE}\n")
-    assert read(file, rate_hz=30).timestamps_s.tolist() == [1]
+    assert read(file, rate_hz=30).timestamp_s.tolist() == [1]
 
 
 def test_two_images_of_one_number_are_refused(tmp_path):

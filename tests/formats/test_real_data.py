@@ -78,9 +78,9 @@ def test_hrapr_labels_are_the_cambridge_labels(scene, data_dir):
     hrapr = read_trajectory(data_dir / f"hrapr_apr_predictions/Cambridge/{scene}_test_gt.txt.gz")
     names = tuple(name.removeprefix(f"{scene}/") for name in official.names)
     official = Trajectory.from_arrays(
-        official.timestamps_s,
-        official.positions_m,
-        official.quats_xyzw,
+        official.timestamp_s,
+        official.position_m,
+        official.quat_xyzw,
         names,
         is_timed=False,
     )
@@ -141,10 +141,10 @@ def test_monocular_odometry_follows_the_labels_up_to_scale(data_dir):
         "hloc",
         ReadOptions(rate_hz=30, sequence="seq-01"),
     )
-    assert odometry.timestamps_s[0] > 0
+    assert odometry.timestamp_s[0] > 0
     pairs = associate(odometry, labels)
-    ours = odometry.at_rows(pairs.left_rows).positions_m
-    theirs = labels.at_rows(pairs.right_rows).positions_m
+    ours = odometry.at_rows(pairs.left_rows).position_m
+    theirs = labels.at_rows(pairs.right_rows).position_m
     aligned = align_umeyama(ours, theirs, with_scale=True).apply(ours)
     assert np.sqrt(((aligned - theirs) ** 2).sum(axis=1).mean()) < 0.3
 
@@ -157,16 +157,16 @@ def read_advio_pair(data_dir, number, raw, fixed):
     """A raw file as we read it, at the times of the one that was fixed by hand."""
     ours = read_trajectory(data_dir / f"advio/raw_decimated/advio-{number}_{raw}.csv.gz")
     theirs = read_trajectory(data_dir / f"advio/tum10hz/advio-{number}_{fixed}.tum.gz")
-    inside = (theirs.timestamps_s > ours.timestamps_s[0]) & (
-        theirs.timestamps_s < ours.timestamps_s[-1]
+    inside = (theirs.timestamp_s > ours.timestamp_s[0]) & (
+        theirs.timestamp_s < ours.timestamp_s[-1]
     )
     theirs = theirs.at_rows(np.flatnonzero(inside))
-    return ours.interpolate(theirs.timestamps_s), theirs
+    return ours.interpolate(theirs.timestamp_s), theirs
 
 
 def with_cam_axes(arcam: Trajectory):
     """Rotations of a file that keeps ARKit's camera axes, with OpenCV's."""
-    return quaternion.multiply(arcam.quats_xyzw, np.array([1.0, 0, 0, 0]))
+    return quaternion.multiply(arcam.quat_xyzw, np.array([1.0, 0, 0, 0]))
 
 
 @pytest.mark.parametrize(("raw", "fixed"), [("arkit", "arkit"), ("gt_pose", "gt")])
@@ -179,8 +179,8 @@ def test_advio_distances_and_relative_angles_are_right(raw, fixed, number, data_
     assert np.median(np.abs(lengths[0] - lengths[1])) < 0.005
     assert np.median(np.abs(angles[0] - angles[1])) < 0.2
     # A rotation relates the positions, not a mirror image.
-    aligned = align_umeyama(ours.positions_m, theirs.positions_m).apply(ours.positions_m)
-    assert np.median(np.linalg.norm(aligned - theirs.positions_m, axis=1)) < 0.01
+    aligned = align_umeyama(ours.position_m, theirs.position_m).apply(ours.position_m)
+    assert np.median(np.linalg.norm(aligned - theirs.position_m, axis=1)) < 0.01
 
 
 @pytest.mark.parametrize("number", ["03", "18"])
@@ -192,13 +192,13 @@ def test_advio_needs_only_its_unknown_turn(number, data_dir):
         ]
     turn = quaternion.from_rotvec(np.array([0, 0, -np.radians(phi)]))
     ours, theirs = read_advio_pair(data_dir, number, "arkit", "arkit")
-    turned = quaternion.multiply(turn, ours.quats_xyzw)
+    turned = quaternion.multiply(turn, ours.quat_xyzw)
     assert np.median(quaternion.angle_between_deg(turned, with_cam_axes(theirs))) < 0.5
     # Of the ground truth, the turn is on both sides: about the file's up and the device's z.
     ours, theirs = read_advio_pair(data_dir, number, "gt_pose", "gt")
     about_up = quaternion.from_rotvec(np.array([0, -np.radians(phi), 0]))
     about_view = quaternion.from_rotvec(np.array([0, 0, -np.radians(phi)]))
-    turned = quaternion.multiply(quaternion.multiply(about_up, ours.quats_xyzw), about_view)
+    turned = quaternion.multiply(quaternion.multiply(about_up, ours.quat_xyzw), about_view)
     assert np.median(quaternion.angle_between_deg(turned, with_cam_axes(theirs))) < 0.5
 
 
@@ -216,5 +216,5 @@ def test_gzip_makes_no_difference(data_dir, tmp_path):
     unpacked = tmp_path / "ShopFacade_test.csv"
     unpacked.write_bytes(gzip.decompress(packed.read_bytes()))
     left, right = read_trajectory(packed), read_trajectory(unpacked)
-    np.testing.assert_array_equal(left.positions_m, right.positions_m)
+    np.testing.assert_array_equal(left.position_m, right.position_m)
     assert left.names == right.names

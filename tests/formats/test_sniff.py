@@ -3,7 +3,8 @@
 import pytest
 from tests.formats.conftest import file_name, make_trajectory
 
-from vioapr.formats.base import ReadOptions, natural_key
+from vioapr.files.text import natural_key
+from vioapr.formats.base import ReadOptions
 from vioapr.formats.registry import FORMATS, rank_formats, read_trajectory
 
 QUAT_FIRST = "a/1.png 0.6 0 0.8 0 10 20 30\n"

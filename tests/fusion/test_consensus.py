@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.helpers import convert_frames, frames_of, to_numpy
 
-from helpers import convert_frames, frames_of, to_numpy
 from vioapr.errors import ParameterError
 from vioapr.fusion import vio_apr
 from vioapr.fusion.consensus import method as consensus
@@ -12,7 +12,7 @@ from vioapr.fusion.types import FrameInput, Status
 from vioapr.fusion.vio_apr import VioAprParams
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 EXACT = WalkParams(
     duration_s=30, heading_drift_deg=0, scale_error=0, step_noise_m=0, bias_m=0, bias_deg=0,

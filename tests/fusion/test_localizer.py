@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.helpers import frames_of
 
 import vioapr
-from helpers import frames_of
 from vioapr.errors import ParameterError
 from vioapr.fusion.apr import AprParams
 from vioapr.fusion.localizer import Localizer
@@ -12,7 +12,7 @@ from vioapr.fusion.types import Status
 from vioapr.fusion.vio_apr import VioAprParams
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 EXACT = WalkParams(
     duration_s=20, rate_hz=60, heading_drift_deg=0, scale_error=0, step_noise_m=0, bias_m=0,
@@ -29,7 +29,7 @@ def walk():
 
 def feed(localizer, walk, row, *, with_apr=True, **kwargs):
     return localizer.update(
-        walk.gt.timestamps_s[row],
+        walk.gt.timestamp_s[row],
         walk.apr.target_from_source.at(row) if with_apr else None,
         walk.vio.target_from_source.at(row),
         **kwargs,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from tests.helpers import convert_frames, to_numpy
 
-from helpers import convert_frames, to_numpy
 from vioapr.errors import ParameterError
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.mapnet_pgo import (

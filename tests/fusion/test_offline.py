@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
+from tests.helpers import frames_of
 
-from helpers import frames_of
 from vioapr.errors import AssociationError, ParameterError
 from vioapr.fusion.methods import METHODS, get_method
 from vioapr.fusion.offline import fuse_walk, fuse_walks, run_steps
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.fusion.types import Status
 from vioapr.fusion.vio_apr import VioAprParams
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 from vioapr.trajectory import Trajectory
 
 VIO_APR = METHODS["vio-apr"]
@@ -135,4 +135,4 @@ def test_state_does_not_grow():
 def test_paired_frames_know_their_times():
     frames = PairedFrames(frames_of(simulate_walk(WalkParams(duration_s=5))))
     assert len(frames) == 10
-    assert frames.timestamps_s[0] == 0.5
+    assert frames.timestamp_s[0] == 0.5

@@ -4,8 +4,8 @@ import sys
 
 import numpy as np
 import pytest
+from tests.helpers import frames_of, random_rigid
 
-from helpers import frames_of, random_rigid
 from vioapr.errors import MissingExtraError, ParameterError
 from vioapr.fusion import mapnet_pgo
 from vioapr.fusion.localizer import Localizer
@@ -15,7 +15,7 @@ from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.pose_graph import METHOD, PoseGraphParams, init
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3, angle_deg, distance_m
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 EXACT = WalkParams(
     duration_s=20.0,

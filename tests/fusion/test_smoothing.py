@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.helpers import frames_of
 
-from helpers import frames_of
 from vioapr.errors import ParameterError
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import fuse_walk
@@ -9,7 +9,7 @@ from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.smoothing import reverse, smooth_walk, smooth_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry import rigid
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 CONSENSUS = get_method("consensus")
 PARAMS = CONSENSUS.params_type()

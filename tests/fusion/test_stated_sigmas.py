@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from tests.helpers import frames_of
 
-from helpers import frames_of
 from vioapr.fusion.consensus import method as consensus
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.localizer import Localizer
@@ -11,7 +11,7 @@ from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import fuse_walks, run_steps, stack_walks
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.geometry import rigid
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 WALKS = 12
 

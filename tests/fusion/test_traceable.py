@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.helpers import convert_frames, frames_of, to_numpy
 
-from helpers import convert_frames, frames_of, to_numpy
 from vioapr.fusion.methods import METHODS
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 BATCHED = [name for name, method in METHODS.items() if method.is_batched]
 

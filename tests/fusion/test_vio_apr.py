@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.fusion_oracle import KEYFRAME, OPTIMIZED, TRACKED, UNLOCALIZED, Oracle
+from tests.helpers import convert_frames, frames_of, to_numpy
 
-from fusion_oracle import KEYFRAME, OPTIMIZED, TRACKED, UNLOCALIZED, Oracle
-from helpers import convert_frames, frames_of, to_numpy
 from vioapr.errors import ParameterError
 from vioapr.fusion import vio_apr
 from vioapr.fusion.offline import run_steps
@@ -11,7 +11,7 @@ from vioapr.fusion.types import FrameInput
 from vioapr.fusion.vio_apr import VioAprParams
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 WALKS, FRAMES = 1000, 60
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
+from tests.helpers import to_numpy
 
-from helpers import to_numpy
 from vioapr.errors import ParameterError
 from vioapr.geometry import quaternion
 from vioapr.geometry.averaging import geometric_median, mean_quaternion

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.helpers import to_numpy
 
-from helpers import to_numpy
 from vioapr.geometry import quaternion as q
 
 BATCHES = [(), (1,), (3, 1, 2)]

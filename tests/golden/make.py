@@ -17,7 +17,7 @@ from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.types import Estimate
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.simulated_walk import SimulatedWalk, WalkParams, simulate_walk
+from vioapr.simulation.walks import SimulatedWalk, WalkParams, simulate_walk
 
 FOLDER = Path(__file__).parent
 METHODS = ("vio-apr", "consensus")
@@ -34,9 +34,9 @@ def make_frames() -> list[dict[str, Any]]:
     """Inputs: some frames lack predictions or stated errors; a tracker lost twice, reset once."""
     walk = simulate_walk(WalkParams(duration_s=FRAMES / 2, extent_m=12), seed=11)
     frames = []
-    for row, time_s in enumerate(walk.gt.timestamps_s):
+    for row, time_s in enumerate(walk.gt.timestamp_s):
         apr, vio = (
-            np.concatenate([track.positions_m[row], track.quats_xyzw[row]])
+            np.concatenate([track.position_m[row], track.quat_xyzw[row]])
             for track in (walk.apr, walk.vio)
         )
         stated = stated_sigmas(row, walk) if row % 5 else (None, None)

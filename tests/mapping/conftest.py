@@ -5,9 +5,9 @@ from __future__ import annotations
 import shutil
 
 import pytest
+from tests.room import QUICK, make_room
 
-from room import QUICK, make_room
-from vioapr.recording.scene import Scene
+from vioapr.scene.scene import Scene
 
 
 @pytest.fixture(scope="session")

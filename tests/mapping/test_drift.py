@@ -1,6 +1,5 @@
 import numpy as np
-
-from court import (
+from tests.court import (
     COUNT,
     crossing_rows,
     error_m,
@@ -10,6 +9,7 @@ from court import (
     pairs_of,
     sequential_rows,
 )
+
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.drift import correct_drift
 from vioapr.mapping.joining import join_worlds

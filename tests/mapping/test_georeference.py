@@ -8,7 +8,7 @@ from vioapr.mapping.georeference import (
     geodetic_from_enu,
     georeference,
 )
-from vioapr.recording.scene import GeodeticOrigin
+from vioapr.scene.scene import GeodeticOrigin
 
 AALTO = GeodeticOrigin(60.1841, 24.8301, 20.0)
 

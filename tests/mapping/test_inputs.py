@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
+from tests.room import CAMERA
 
-from room import CAMERA
 from vioapr.errors import MappingError
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.inputs import collect_images
-from vioapr.recording.frames import Intrinsics, Tracking
-from vioapr.recording.info import RecordingInfo
-from vioapr.recording.scene import Scene
-from vioapr.recording.writer import RecordingWriter
+from vioapr.scene.frames import Intrinsics, Tracking
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.scene import Scene
+from vioapr.scene.writer import RecordingWriter
 
 PICTURE = np.zeros((240, 320), dtype=np.uint8)
 AT_ORIGIN = Rigid3(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))

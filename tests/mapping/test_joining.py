@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-
-from court import (
+from tests.court import (
     COUNT,
     crossing_rows,
     error_m,
@@ -11,6 +10,7 @@ from court import (
     pairs_of,
     sequential_rows,
 )
+
 from vioapr.mapping.joining import join_worlds
 from vioapr.mapping.two_view import estimate_distances_m
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.helpers import random_rigid
 
-from helpers import random_rigid
 from vioapr.errors import MappingError
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from tests.helpers import random_rigid
 
-from helpers import random_rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping import pairs
 from vioapr.mapping.inputs import MapImages

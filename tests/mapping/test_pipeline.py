@@ -7,10 +7,9 @@ import textwrap
 import numpy as np
 import pytest
 from PIL import Image
+from tests.room import QUICK, add_recording, own_world, vio_of, walk, wall_textures
 
-from room import QUICK, add_recording, own_world, vio_of, walk, wall_textures
 from vioapr.errors import FormatError, MappingError
-from vioapr.evaluation.map_report import write_map_report
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.colmap_binary import read as read_model
 from vioapr.geometry import quaternion, rigid
@@ -18,8 +17,9 @@ from vioapr.geometry.averaging import mean_quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
-from vioapr.recording.frames import Tracking
-from vioapr.recording.recording import FRAMES_FILE
+from vioapr.report.map_report import write_map_report
+from vioapr.scene.frames import Tracking
+from vioapr.scene.recording import FRAMES_FILE
 
 pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 
@@ -71,14 +71,14 @@ def test_ground_truth_is_in_the_models_world(mapped_room):
     scene, _, _ = mapped_room
     model = read_model(scene.map_folder, ReadOptions(sequence="b/images"))
     gt = scene.gt("b")
-    np.testing.assert_allclose(model.positions_m, gt.positions_m, atol=1e-5)
+    np.testing.assert_allclose(model.position_m, gt.position_m, atol=1e-5)
 
 
 def test_the_world_has_the_first_recordings_heading_and_origin(mapped_room):
     scene, _, _ = mapped_room
     vio = scene.recording("a").frames.vio_from_cam.translation_m
     x, y, z = vio.T
-    np.testing.assert_allclose(scene.gt("a").positions_m, np.column_stack([x, -z, y]), atol=0.06)
+    np.testing.assert_allclose(scene.gt("a").position_m, np.column_stack([x, -z, y]), atol=0.06)
 
 
 def test_the_report_shows_it(mapped_room, copy_of):
@@ -125,9 +125,9 @@ def test_a_killed_run_resumes(room, copy_of, title, count, reused):
         import os, sys
         from contextlib import contextmanager
         sys.path[:0] = {sys.path!r}
-        from room import QUICK
+        from tests.room import QUICK
         from vioapr.mapping.pipeline import map_scene
-        from vioapr.recording.scene import Scene
+        from vioapr.scene.scene import Scene
 
         @contextmanager
         def progress(title, total):
@@ -229,10 +229,10 @@ def test_a_full_disk_spares_what_was_there(room, copy_of, limit_kb):
         f"""
         import resource, sys
         sys.path[:0] = {sys.path!r}
-        from room import QUICK
+        from tests.room import QUICK
         from vioapr.errors import VioAprError
         from vioapr.mapping.pipeline import map_scene
-        from vioapr.recording.scene import Scene
+        from vioapr.scene.scene import Scene
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit_kb} * 1024,) * 2)
         try:
             map_scene(Scene.open({str(scene.folder)!r}), QUICK)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.court import COUNT, crossing_rows, make_court, sequential_rows
 
-from court import COUNT, crossing_rows, make_court, sequential_rows
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.pruning import prune_pairs, tilt_deg
 

@@ -1,6 +1,6 @@
 import numpy as np
+from tests.court import COUNT, crossing_rows, joined, make_court, pairs_of, sequential_rows
 
-from court import COUNT, crossing_rows, joined, make_court, pairs_of, sequential_rows
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.two_view import between_worlds_deg, estimate_distances_m, fits

@@ -20,7 +20,7 @@ def test_frames_have_their_own_poses(scene):
     frames = posed_frames(scene, "train-2")
     gt = scene.gt("train-2")
     assert [path.name for path in frames.paths] == [f"{row:03d}.png" for row in range(6)]
-    np.testing.assert_allclose(frames.position_m, gt.positions_m)
+    np.testing.assert_allclose(frames.position_m, gt.position_m)
     np.testing.assert_allclose(frames.camera, np.tile([40 / 48, 40 / 36, 0.5, 0.5], (6, 1)))
 
 
@@ -29,7 +29,7 @@ def test_frames_without_ground_truth_are_left_out(scene):
     scene.write_gt("train-1", gt.at_rows(np.array([0, 2, 5])))
     frames = posed_frames(scene, "train-1")
     assert [path.name for path in frames.paths] == ["000.png", "002.png", "005.png"]
-    np.testing.assert_allclose(frames.position_m, gt.positions_m[[0, 2, 5]])
+    np.testing.assert_allclose(frames.position_m, gt.position_m[[0, 2, 5]])
 
 
 def test_no_test_image_is_ever_read(scene, monkeypatch):
@@ -41,7 +41,7 @@ def test_no_test_image_is_ever_read(scene, monkeypatch):
     samples = load_samples([scene], [f for f in frames if f.recording != "train-3"], 36)
     assert {path.parent.parent.name for path in read} == {"train-1", "train-2"}
     assert len(samples) == 12
-    test_places = np.concatenate([scene.gt(id_).positions_m for id_ in ("test-1", "test-2")])
+    test_places = np.concatenate([scene.gt(id_).position_m for id_ in ("test-1", "test-2")])
     gaps = np.abs(samples.position_m[:, None] - test_places).max(axis=-1)
     assert gaps.min() > 1e-6
 

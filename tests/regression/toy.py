@@ -9,12 +9,12 @@ import numpy as np
 from vioapr.geometry import quaternion
 from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.frames import Intrinsics, Tracking
-from vioapr.recording.info import RecordingInfo
-from vioapr.recording.scene import Scene
-from vioapr.recording.writer import RecordingWriter
 from vioapr.regression.params import TrainingParams
 from vioapr.regression.spec import RegressorSpec
+from vioapr.scene.frames import Intrinsics, Tracking
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.scene import Scene
+from vioapr.scene.writer import RecordingWriter
 from vioapr.trajectory import Trajectory
 
 WIDTH, HEIGHT = 48, 36

@@ -14,13 +14,13 @@ from pathlib import Path
 import torch
 from tests.regression.toy import params, spec
 
-from vioapr.recording.scene import Scene
 from vioapr.regression.data import load_samples, split_frames
 from vioapr.regression.learner import Run, set_units
 from vioapr.regression.networks import build
 from vioapr.regression.networks.blocks import StochasticDepth
 from vioapr.regression.params import PositionStageParams
 from vioapr.regression.training import train
+from vioapr.scene.scene import Scene
 
 
 def main(folder: str, out: str, model: str, devices: str, epochs: str, batch: str) -> None:

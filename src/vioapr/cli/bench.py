@@ -10,9 +10,9 @@ import tyro
 from rich.table import Table
 
 from vioapr.cli.console import console, progress
-from vioapr.deploy.bench import bench
 from vioapr.errors import ParameterError
-from vioapr.formats.base import write_text
+from vioapr.files.text import write_text
+from vioapr.runtime.bench import bench
 
 _LABELS = {
     "whole": "whole localizer",

@@ -10,7 +10,7 @@ from pathlib import Path
 from vioapr.cli.console import console, error_console
 from vioapr.cli.localize import localize_
 from vioapr.errors import FormatError
-from vioapr.recording.scene import Scene
+from vioapr.scene.scene import Scene
 
 LOCALIZER = "localizer.onnx"
 SCENE = "courtyard"

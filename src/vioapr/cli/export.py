@@ -47,7 +47,7 @@ def export(
     chosen = get_method(method)
     require_torch("vioapr export")
     try:
-        from vioapr.deploy.export import Exporter
+        from vioapr.export.exporter import Exporter
         from vioapr.regression import checkpoint as checkpoints
     except ImportError as error:
         raise MissingExtraError("vioapr export", error.name or "onnx", "export") from None
@@ -55,7 +55,7 @@ def export(
     exporter = Exporter(loaded.network, loaded.spec, chosen, params_for(method, params))
     images = None
     if calibration is not None:
-        from vioapr.deploy.calibration import training_images
+        from vioapr.export.calibration import training_images
 
         images = training_images(calibration, exporter.preprocess)
     if split:

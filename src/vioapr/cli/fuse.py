@@ -10,8 +10,8 @@ import tyro
 
 from vioapr.cli.console import console, progress
 from vioapr.cli.method_params import MethodParams, params_for
+from vioapr.files.text import write_text
 from vioapr.formats import tum
-from vioapr.formats.base import write_text
 from vioapr.formats.registry import read_trajectory
 from vioapr.formats.sigma import read_sigmas, read_sigmas_beside
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
@@ -91,7 +91,7 @@ def to_csv(fused: FusedWalk) -> str:
     lines = [
         ",".join([repr(time), Status(status).label, *map(repr, row)])
         for time, status, row in zip(
-            fused.timestamps_s.tolist(), fused.status.tolist(), numbers, strict=True
+            fused.timestamp_s.tolist(), fused.status.tolist(), numbers, strict=True
         )
     ]
     return "\n".join([header, *lines]) + "\n"
@@ -109,5 +109,5 @@ def _write_tum(path: Path, fused: FusedWalk) -> None:
         console.print(f"{path}: not written, no frame was localized")
         return
     poses = fused.world_from_cam.at(rows)
-    tum.write(path, Trajectory(fused.timestamps_s[rows], *poses))
+    tum.write(path, Trajectory(fused.timestamp_s[rows], *poses))
     console.print(f"{path}: {rows.sum()} localized frames")

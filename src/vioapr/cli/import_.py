@@ -9,8 +9,8 @@ import tyro
 from rich.text import Text
 
 from vioapr.cli.console import console, progress
-from vioapr.recording.importers.base import ImportOptions, Place, Split
-from vioapr.recording.importers.registry import Imported, get_importer, import_source
+from vioapr.importers.base import ImportOptions, Place, Split
+from vioapr.importers.registry import Imported, get_importer, import_source
 
 
 def import_(

@@ -12,23 +12,23 @@ from pathlib import Path
 from vioapr.cli.console import console, progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.cli.fuse import to_csv
-from vioapr.deploy.runtime import OnnxLocalizer
-from vioapr.deploy.walk import (
+from vioapr.errors import ParameterError
+from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases, judge
+from vioapr.evaluation.tables import Group, group_results
+from vioapr.evaluation.walks import Case
+from vioapr.files.text import write_text
+from vioapr.formats.registry import read_trajectory
+from vioapr.fusion.methods import get_method
+from vioapr.fusion.types import Status
+from vioapr.report.evaluation_report import count_report_ticks, write_report
+from vioapr.runtime.localizer import OnnxLocalizer
+from vioapr.runtime.walk import (
     LocalizedWalk,
     WalkFrames,
     frames_of_images,
     frames_of_recording,
     localize,
 )
-from vioapr.errors import ParameterError
-from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases, judge
-from vioapr.evaluation.report import count_report_ticks, write_report
-from vioapr.evaluation.tables import Group, group_results
-from vioapr.evaluation.walks import Case
-from vioapr.formats.base import write_text
-from vioapr.formats.registry import read_trajectory
-from vioapr.fusion.methods import get_method
-from vioapr.fusion.types import Status
 
 _COMPARED = ("apr", "vio", "vio-apr", "consensus")
 
@@ -108,7 +108,7 @@ def _open(
 
 
 def _watchers(frames: WalkFrames, view: bool, rrd: Path | None) -> list:
-    from vioapr.deploy import viewing
+    from vioapr.runtime import viewing
 
     watchers: list = []
     if view:

@@ -9,10 +9,10 @@ import tyro
 from rich.table import Table
 
 from vioapr.cli.console import console, progress
-from vioapr.evaluation.map_report import FIGURES, write_map_report
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
-from vioapr.recording.scene import Scene
+from vioapr.report.map_report import FIGURES, write_map_report
+from vioapr.scene.scene import Scene
 
 
 def map_(

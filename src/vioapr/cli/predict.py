@@ -10,7 +10,7 @@ import tyro
 from vioapr.cli.console import console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
-from vioapr.recording.scene import Scene
+from vioapr.scene.scene import Scene
 
 
 def predict(

@@ -14,11 +14,11 @@ from rich.text import Text
 
 from vioapr.cli.console import console, error_console, progress
 from vioapr.cli.torch_extra import require_torch
-from vioapr.reproduction.datasets import DATA_SETS
-from vioapr.reproduction.plan import TRAININGS_FOLDER
-from vioapr.reproduction.recipes import MODELS, Overrides
-from vioapr.reproduction.report import Report, TextTable, write_report
-from vioapr.reproduction.reproduce import Request, reproduce
+from vioapr.recipes.datasets import DATA_SETS
+from vioapr.recipes.plan import TRAININGS_FOLDER
+from vioapr.recipes.recipes import MODELS, Overrides
+from vioapr.recipes.report import Report, TextTable, write_report
+from vioapr.recipes.reproduce import Request, reproduce
 
 
 @dataclass(frozen=True)

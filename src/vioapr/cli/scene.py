@@ -14,12 +14,12 @@ from rich.text import Text
 
 from vioapr.cli.console import console, progress
 from vioapr.errors import VioAprError
-from vioapr.evaluation.figures.speed import speed_bins, speed_figure
-from vioapr.evaluation.style import render
-from vioapr.formats.base import write_bytes, write_text
-from vioapr.recording.check import check_scene, count_frames
-from vioapr.recording.scene import SPLITS, Scene
-from vioapr.recording.summary import RecordingSummary, SceneSummary, summarize_scene
+from vioapr.files.text import write_bytes, write_text
+from vioapr.report.figures.speed import speed_bins, speed_figure
+from vioapr.report.style import render
+from vioapr.scene.check import check_scene, count_frames
+from vioapr.scene.scene import SPLITS, Scene
+from vioapr.scene.summary import RecordingSummary, SceneSummary, summarize_scene
 
 _BAR_WIDTH = 40
 _MAX_NAMED = 3

@@ -46,15 +46,15 @@ def simulate_courtyard(
         workers: Processes that render; by default one a core. They do not change the result.
     """
     # Imported here: other commands should not wait for what only this one needs.
-    from vioapr.evaluation.figures.scene_preview import (
+    from vioapr.report.scene_preview import (
         Background,
         contact_sheet,
         route_map,
         save_photo_figure,
     )
-    from vioapr.recording.courtyard.plan import PRESETS, plan_recordings
-    from vioapr.recording.courtyard.record import FROM_ABOVE, FROM_ABOVE_WIDTH_M
-    from vioapr.recording.courtyard.simulate import simulate
+    from vioapr.simulation.courtyard.plan import PRESETS, plan_recordings
+    from vioapr.simulation.courtyard.record import FROM_ABOVE, FROM_ABOVE_WIDTH_M
+    from vioapr.simulation.courtyard.simulate import simulate
 
     given = {
         "train": train, "test": test, "duration_s": duration_s, "rate_hz": rate_hz,

@@ -7,7 +7,7 @@ from pathlib import Path
 from vioapr.cli.console import console, progress
 from vioapr.errors import FormatError, ParameterError
 from vioapr.formats import tum
-from vioapr.recording.simulated_walk import WalkParams, simulate_walk
+from vioapr.simulation.walks import WalkParams, simulate_walk
 
 
 def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:

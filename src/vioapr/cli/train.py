@@ -10,9 +10,9 @@ import tyro
 from vioapr.cli.console import console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
-from vioapr.recording.scene import Scene
 from vioapr.regression.params import TrainingParams, batches_of_epoch
 from vioapr.regression.spec import RegressorSpec
+from vioapr.scene.scene import Scene
 
 if TYPE_CHECKING:
     from vioapr.regression.journal import Journal

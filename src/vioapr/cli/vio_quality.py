@@ -10,15 +10,15 @@ import tyro
 from rich.table import Table
 
 from vioapr.cli.console import console, progress
-from vioapr.evaluation.figures.vio_quality import vio_distribution_figure, vio_drift_figure
-from vioapr.evaluation.formatting import format_error, format_median, format_number
 from vioapr.evaluation.metrics import PoseErrors, summarize
-from vioapr.evaluation.style import render
 from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
 from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_json
 from vioapr.evaluation.vio_tracks import find_walks
-from vioapr.formats.base import write_bytes, write_text
+from vioapr.files.text import write_bytes, write_text
 from vioapr.fusion.gaps import RelativeGap
+from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
+from vioapr.report.formatting import format_error, format_median, format_number
+from vioapr.report.style import render
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 

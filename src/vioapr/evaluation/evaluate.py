@@ -24,7 +24,7 @@ class Result:
     Attributes:
         case: The walk, odometry and regressor.
         method: The method's name.
-        timestamps_s: Shape (n,).
+        timestamp_s: Shape (n,).
         gt_world_from_cam: Shape (n,).
         world_from_cam: The estimates, shape (n,); NaN where unlocalized.
         status: Shape (n,), integers of `Status`.
@@ -37,7 +37,7 @@ class Result:
 
     case: Case
     method: str
-    timestamps_s: NDArray[np.float64]
+    timestamp_s: NDArray[np.float64]
     gt_world_from_cam: Rigid3
     world_from_cam: Rigid3
     status: NDArray[np.integer]
@@ -103,7 +103,7 @@ def judge(case: Case, method: str, fused: FusedWalk) -> Result:
     return Result(
         case,
         method,
-        fused.timestamps_s[rows],
+        fused.timestamp_s[rows],
         gt,
         estimate,
         fused.status[rows],

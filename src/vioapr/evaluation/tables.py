@@ -171,7 +171,7 @@ def to_csv(results: Sequence[Result]) -> str:
         labels = [case.set_name, case.walk, case.vio, case.apr, result.method]
         numbers = np.column_stack([*result.world_from_cam, *result.errors]).tolist()
         for time, status, row in zip(
-            result.timestamps_s.tolist(), result.status.tolist(), numbers, strict=True
+            result.timestamp_s.tolist(), result.status.tolist(), numbers, strict=True
         ):
             writer.writerow([*labels, time, Status(status).label, *row])
     return text.getvalue()

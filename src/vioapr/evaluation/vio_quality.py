@@ -165,11 +165,11 @@ def analyze(track: VioTrack, params: VioQualityParams | None = None) -> VioQuali
 
 def _times(track: VioTrack, params: VioQualityParams) -> NDArray[np.float64]:
     """Timestamps; frames without a clock are taken to come at the chosen rate."""
-    return track.timestamps_s / (1 if track.is_timed else params.rate_hz)
+    return track.timestamp_s / (1 if track.is_timed else params.rate_hz)
 
 
 def pairs_apart(
-    times_s: NDArray[np.float64], world: NDArray[np.integer], period_s: float
+    timestamp_s: NDArray[np.float64], world: NDArray[np.integer], period_s: float
 ) -> NDArray[np.intp]:
     """Every frame with the one a period later, within one tracking world.
 
@@ -180,23 +180,23 @@ def pairs_apart(
     Returns:
         Rows, shape (m, 2).
     """
-    if len(times_s) < 2:
+    if len(timestamp_s) < 2:
         return np.zeros((0, 2), dtype=np.intp)
-    wanted = times_s + period_s
-    after = np.searchsorted(times_s, wanted).clip(1, len(times_s) - 1)
-    is_before = wanted - times_s[after - 1] <= times_s[after] - wanted
+    wanted = timestamp_s + period_s
+    after = np.searchsorted(timestamp_s, wanted).clip(1, len(timestamp_s) - 1)
+    is_before = wanted - timestamp_s[after - 1] <= timestamp_s[after] - wanted
     second = np.where(is_before, after - 1, after)
-    first = np.arange(len(times_s))
-    fits = np.abs(times_s[second] - wanted) <= 0.1 * period_s
+    first = np.arange(len(timestamp_s))
+    fits = np.abs(timestamp_s[second] - wanted) <= 0.1 * period_s
     fits &= (world[first] == world[second]) & (second > first)
     return np.column_stack([first, second])[fits]
 
 
 def _elapsed_in_world(
-    times_s: NDArray[np.float64], world: NDArray[np.integer]
+    timestamp_s: NDArray[np.float64], world: NDArray[np.integer]
 ) -> NDArray[np.float64]:
     _, start, inverse = np.unique(world, return_index=True, return_inverse=True)
-    return times_s - times_s[start][inverse]
+    return timestamp_s - timestamp_s[start][inverse]
 
 
 def _placed(
@@ -275,9 +275,9 @@ def _scale(track: VioTrack) -> float:
     return float(align_umeyama(source, target, with_scale=True).scale)
 
 
-def _walked_m(positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _walked_m(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distance from the first position along the path, shape (n,)."""
-    steps = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
@@ -304,8 +304,8 @@ def _drift(track: VioTrack, progress: NDArray[np.float64], wanted: float) -> Dri
     )
 
 
-def _find_divergence(track: VioTrack, times_s: NDArray[np.float64]) -> float | None:
-    first, second = pairs_apart(times_s, track.tracking_world, DIVERGENCE_WINDOW_S).T
+def _find_divergence(track: VioTrack, timestamp_s: NDArray[np.float64]) -> float | None:
+    first, second = pairs_apart(timestamp_s, track.tracking_world, DIVERGENCE_WINDOW_S).T
     if not len(first):
         return None
     true_m, said_m = (
@@ -316,4 +316,4 @@ def _find_divergence(track: VioTrack, times_s: NDArray[np.float64]) -> float | N
     is_off = np.abs(true_m - said_m) > limit_m
     if is_off.mean() < DIVERGENCE_SHARE:
         return None
-    return float(times_s[first[np.argmax(is_off)]] - times_s[0])
+    return float(timestamp_s[first[np.argmax(is_off)]] - timestamp_s[0])

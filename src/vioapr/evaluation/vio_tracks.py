@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError, ParameterError
-from vioapr.formats.base import natural_key
+from vioapr.files.text import natural_key
 from vioapr.formats.registry import read_trajectory
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.scene import SCENE_FILE, Scene
+from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate, nearest_rows
 
 MAX_GT_GAP_S = 0.25
@@ -29,7 +29,7 @@ class VioTrack:
         set_name: Name of the set, e.g. the scene's.
         walk: Name of the walk, e.g. the recording's.
         vio: Name of the tracker.
-        timestamps_s: Shape (n,), increasing; where the files have no clock, the frame's number
+        timestamp_s: Shape (n,), increasing; where the files have no clock, the frame's number
             (`is_timed` false).
         gt_world_from_cam: Shape (n,).
         vio_from_cam: Shape (n,), in the tracker's own world.
@@ -43,7 +43,7 @@ class VioTrack:
     set_name: str
     walk: str
     vio: str
-    timestamps_s: NDArray[np.float64]
+    timestamp_s: NDArray[np.float64]
     gt_world_from_cam: Rigid3
     vio_from_cam: Rigid3
     tracking_world: NDArray[np.integer]
@@ -52,7 +52,7 @@ class VioTrack:
     is_timed: bool = True
 
     def __len__(self) -> int:
-        return len(self.timestamps_s)
+        return len(self.timestamp_s)
 
     @property
     def title(self) -> str:
@@ -111,7 +111,7 @@ def make_track(
         set_name,
         walk,
         vio_name,
-        vio.timestamps_s[rows],
+        vio.timestamp_s[rows],
         framed.target_from_source,
         vio.target_from_source.at(rows),
         worlds[rows],
@@ -125,7 +125,7 @@ def _interpolate_gt(
     vio: Trajectory, gt: Trajectory, tolerance_s: float
 ) -> tuple[NDArray[np.intp], Trajectory | None]:
     """Rows of the tracker that have ground truth, and ground truth at their times."""
-    times, known = vio.timestamps_s, gt.timestamps_s
+    times, known = vio.timestamp_s, gt.timestamp_s
     is_near = np.abs(known[nearest_rows(times, known)] - times) <= tolerance_s + 1e-9
     after = np.searchsorted(known, times).clip(1, max(len(known) - 1, 1)).clip(max=len(known) - 1)
     gap = known[after] - known[np.maximum(after - 1, 0)]

@@ -179,8 +179,8 @@ def _gt_of_frames(
     gt: Trajectory, frames: PairedFrames, is_timed: bool, tolerance_s: float
 ) -> Rigid3:
     """Ground truth of every frame, NaN where it has none."""
-    times_s = frames.timestamps_s if is_timed else None
-    poses = poses_of_frames(gt, times_s, frames.names, tolerance_s)
+    timestamp_s = frames.timestamp_s if is_timed else None
+    poses = poses_of_frames(gt, timestamp_s, frames.names, tolerance_s)
     if np.isnan(poses.translation_m).all():
         raise AssociationError("no frame has ground truth: no common times or names")
     return poses

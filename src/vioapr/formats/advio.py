@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError
+from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions, tum
-from vioapr.formats.base import Format, ReadOptions, plain_name, read_text, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import MAX_TIME_S, build_trajectory, poses_of, require_times
 from vioapr.formats.table import (
     Rows,
@@ -108,7 +109,7 @@ def _write(path: Path, trajectory: Trajectory, *, is_tracker: bool) -> None:
     poses = trajectory.target_from_source
     poses = conventions.world_from_arcam(poses) if is_tracker else _file_from_ours(poses)
     columns = pose_columns(poses, (3, 0, 1, 2))
-    times = trajectory.timestamps_s.tolist()
+    times = trajectory.timestamp_s.tolist()
     rows = [(time, *row) for time, row in zip(times, columns, strict=True)]
     write_text(path, format_rows(rows, ","))
 
@@ -151,8 +152,8 @@ def find_turn(gt: Trajectory, vio: Trajectory) -> Turn:
     Raises:
         AssociationError: The tracks have too few times in common.
     """
-    times = vio.timestamps_s
-    times = times[(times >= gt.timestamps_s[0]) & (times <= gt.timestamps_s[-1])]
+    times = vio.timestamp_s
+    times = times[(times >= gt.timestamp_s[0]) & (times <= gt.timestamp_s[-1])]
     times = times[(times + _SPAN_S) <= times[-1]] if len(times) else times
     if len(times) < _LEAST_TIMES:
         raise AssociationError("tracker and ground truth have too few times in common")
@@ -202,7 +203,7 @@ def find_clock_offset(gt: Trajectory, vio: Trajectory) -> float:
 
 def _turning(track: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times, and how far the camera turns in the second that begins there, degrees."""
-    times = track.timestamps_s
+    times = track.timestamp_s
     times = times[times + _SPAN_S <= times[-1]]
     if len(times) < _LEAST_TIMES:
         raise AssociationError("tracker and ground truth have too few times in common")
@@ -214,18 +215,18 @@ def undo_turn(trajectory: Trajectory, angle_deg: float, *, is_tracker: bool) -> 
     """A track as `read` gives it, with right orientations: still y up, OpenCV camera axes."""
     turn = _turn_about_z(angle_deg)
     if is_tracker:
-        quats = quaternion.multiply(quaternion.inverse(turn), trajectory.quats_xyzw)
+        quats = quaternion.multiply(quaternion.inverse(turn), trajectory.quat_xyzw)
     else:
         # The turn is of the device on one side, and of a z-up world on the other.
         world_turn = quaternion.from_rotvec(np.array([0.0, -np.deg2rad(angle_deg), 0.0]))
         quats = quaternion.multiply(
-            quaternion.multiply(world_turn, trajectory.quats_xyzw), quaternion.inverse(turn)
+            quaternion.multiply(world_turn, trajectory.quat_xyzw), quaternion.inverse(turn)
         )
-    return trajectory.with_transforms(Rigid3(trajectory.positions_m, quats))
+    return trajectory.with_transforms(Rigid3(trajectory.position_m, quats))
 
 
 def _relative(earlier: Trajectory, later: Trajectory) -> NDArray[np.float64]:
-    return quaternion.multiply(quaternion.inverse(earlier.quats_xyzw), later.quats_xyzw)
+    return quaternion.multiply(quaternion.inverse(earlier.quat_xyzw), later.quat_xyzw)
 
 
 def _turn_about_z(angle_deg: float) -> NDArray[np.float64]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.text import read_bytes, write_text
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, ReadOptions, read_bytes, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.headed import build_timed
 from vioapr.formats.poses import require_times
 from vioapr.formats.table import format_rows, pose_columns, read_headed_csv, to_ticks
@@ -57,7 +58,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     """
     require_times(trajectory, "an Aria file")
     target = "odometry" if trajectory.target == "odometry" else "world"
-    ticks = to_ticks(trajectory.timestamps_s, _MICROSECONDS)
+    ticks = to_ticks(trajectory.timestamp_s, _MICROSECONDS)
     columns = pose_columns(trajectory.target_from_source)
     rows = [(tick, *row) for tick, row in zip(ticks, columns, strict=True)]
     write_text(path, ",".join([_TIME, *_columns(target)]) + "\n" + format_rows(rows, ","))

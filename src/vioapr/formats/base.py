@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
-import io
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,100 +65,3 @@ class Format:
     has_times: bool = False
     has_names: bool = False
     default_for: tuple[str, ...] = ()
-
-
-def read_bytes(path: Path, limit: int | None = None) -> bytes:
-    """A file's content, decompressed if it is gzip, at most `limit` bytes of it.
-
-    Raises:
-        FormatError: It is missing, a directory, unreadable, or a broken gzip file.
-    """
-    try:
-        if path.is_dir():
-            raise FormatError(path, "expected a file, got a directory")
-        with path.open("rb") as file:
-            is_gzip = file.read(2) == b"\x1f\x8b"
-            file.seek(0)
-            content = gzip.GzipFile(fileobj=file) if is_gzip else file
-            return content.read() if limit is None else content.read(limit)
-    except FormatError:
-        raise
-    except FileNotFoundError:
-        raise FormatError(path, "expected a file, found none of this name") from None
-    except OSError as error:
-        raise FormatError(path, f"cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # EOFError and zlib.error have no public base class in common
-        raise FormatError(path, f"broken gzip content: {error}") from None
-
-
-def read_text(path: Path) -> str:
-    """A text file's content, gzip or not.
-
-    Raises:
-        FormatError: As `read_bytes`, or it is not UTF-8 text.
-    """
-    content = read_bytes(path)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise FormatError(path, "expected text, got binary content", line) from None
-    if "\0" in text:
-        line = text[: text.index("\0")].count("\n") + 1
-        raise FormatError(path, "expected text, got binary content", line)
-    return text
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write text, gzipped where the name ends in .gz.
-
-    Raises:
-        FormatError: The file cannot be written.
-    """
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write bytes, gzipped where the name ends in .gz; folders are made as needed.
-
-    Raises:
-        FormatError: The file cannot be written.
-    """
-    if path.suffix == ".gz":
-        buffer = io.BytesIO()
-        with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0) as file:
-            file.write(content)
-        content = buffer.getvalue()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    except OSError as error:
-        raise FormatError(path, f"cannot be written: {error.strerror}") from None
-
-
-def is_folder(path: Path) -> bool:
-    """Whether a path is a folder; false also where it cannot be looked at."""
-    try:
-        return path.is_dir()
-    except (OSError, ValueError):
-        return False
-
-
-def plain_name(path: Path) -> str:
-    """A path's last part in lower case, without ".gz"."""
-    return path.name.lower().removesuffix(".gz")
-
-
-def has_suffix(path: Path, suffix: str) -> bool:
-    """Whether a path ends in a suffix, whatever its case and with or without ".gz"."""
-    return plain_name(path).endswith(suffix)
-
-
-def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """A sort key in which frame2 comes before frame10."""
-    # Digits compare by length, then as text: int() refuses very long ones.
-    return tuple(
-        (0, len(part.lstrip("0")), part.lstrip("0")) if part.isdecimal() else (1, 0, part)
-        for part in re.split(r"(\d+)", name)
-        if part
-    )

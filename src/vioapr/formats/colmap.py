@@ -6,8 +6,9 @@ import re
 from pathlib import Path
 
 from vioapr.errors import FormatError
+from vioapr.files.text import is_folder, plain_name, read_text, write_text
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, ReadOptions, is_folder, plain_name, read_text, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import poses_of
 from vioapr.formats.table import Rows, format_rows, pose_columns

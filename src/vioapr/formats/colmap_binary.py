@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from vioapr.errors import FormatError
+from vioapr.files.text import is_folder, plain_name, read_bytes, write_bytes
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, ReadOptions, is_folder, plain_name, read_bytes, write_bytes
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.colmap import PLACEHOLDER_PINHOLE, PLACEHOLDER_SIZE, file_of, images_of
 from vioapr.formats.named import build_named
 from vioapr.formats.poses import poses_of

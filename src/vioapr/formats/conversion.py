@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.formats.base import Format, ReadOptions, is_folder, plain_name
+from vioapr.files.text import is_folder, plain_name
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.registry import FORMATS, get_format, recognize
 from vioapr.trajectory import Trajectory
 

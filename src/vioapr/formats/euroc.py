@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vioapr.formats.base import Format, ReadOptions, read_text, write_text
+from vioapr.files.text import read_text, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, poses_of, require_times
 from vioapr.formats.table import (
     all_numbers,
@@ -55,7 +56,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     """
     require_times(trajectory, "a EuRoC file")
     columns = pose_columns(trajectory.target_from_source, (3, 0, 1, 2))
-    ticks = to_ticks(trajectory.timestamps_s, _NANOSECONDS)
+    ticks = to_ticks(trajectory.timestamp_s, _NANOSECONDS)
     rows = [(tick, *row) for tick, row in zip(ticks, columns, strict=True)]
     write_text(path, f"#{_COLUMNS}\n" + format_rows(rows, ","))
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.text import plain_name
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, plain_name
+from vioapr.formats.base import Format
 from vioapr.formats.named import NamedText
 
 _LAYOUT = NamedText(conventions.world_from_arcam)

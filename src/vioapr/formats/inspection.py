@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from vioapr.errors import FormatError
+from vioapr.formats.anomalies import find_defects, step_speeds
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.checks import AS_READ, Fit, find_better_reading, fit_readings, up_of
-from vioapr.formats.defects import find_defects, step_speeds
+from vioapr.formats.readings import AS_READ, Fit, find_better_reading, fit_readings, up_of
 from vioapr.formats.registry import get_format, rank_formats, read_trajectory
 from vioapr.trajectory import Trajectory
 
@@ -142,7 +142,7 @@ def _describe(
     warnings: list[str],
     fits: list[Fit],
 ) -> Inspection:
-    times, positions = trajectory.timestamps_s, trajectory.positions_m
+    times, positions = trajectory.timestamp_s, trajectory.position_m
     is_timed = trajectory.is_timed
     has_steps = is_timed and len(times) > 1
     return Inspection(
@@ -174,7 +174,7 @@ def _speed(trajectory: Trajectory) -> Speed:
 
 
 def _up(trajectory: Trajectory) -> Up:
-    up, spread_deg, is_portrait = up_of(trajectory.quats_xyzw)
+    up, spread_deg, is_portrait = up_of(trajectory.quat_xyzw)
     axis = int(np.argmax(np.abs(up)))
     name = ("+" if up[axis] > 0 else "-") + "xyz"[axis]
     off_axis_deg = float(np.degrees(np.arccos(np.clip(abs(up[axis]), 0, 1))))

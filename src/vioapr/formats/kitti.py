@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from vioapr.errors import FormatError
-from vioapr.formats.base import Format, ReadOptions, has_suffix, read_text, write_text
+from vioapr.files.text import has_suffix, read_text, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, index_times, rigid_of_matrices
 from vioapr.formats.table import Rows, all_numbers, format_rows, head_rows, parse_rows
 from vioapr.trajectory import Trajectory

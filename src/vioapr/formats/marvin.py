@@ -1,7 +1,7 @@
 """MARViN, the dataset of the VIO-APR paper: `name x y z qw qx qy qz` in two conventions.
 
 `train.txt` and `test.txt` hold the camera's position and, by the rule of the paper's code, the
-rotation cam_from_world. That is inferred, not documented: `vioapr.formats.checks` says which
+rotation cam_from_world. That is inferred, not documented: `vioapr.formats.readings` says which
 reading fits the VIO of the same walk. `ARKit.txt` and `ARCore.txt` come from Unity.
 """
 
@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.text import plain_name
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, plain_name
+from vioapr.formats.base import Format
 from vioapr.formats.named import NamedText
 
 _MAP = NamedText(conventions.centre_and_cam_from_world)

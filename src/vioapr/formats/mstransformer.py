@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from vioapr.files.text import write_text
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, ReadOptions, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import poses_of
 from vioapr.formats.table import format_rows, pose_columns, read_headed_csv

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.formats.base import ReadOptions, natural_key, read_text, write_text
+from vioapr.files.text import natural_key, read_text, write_text
+from vioapr.formats.base import ReadOptions
 from vioapr.formats.poses import build_trajectory, poses_of
 from vioapr.formats.table import Rows, all_numbers, format_rows, head_rows, parse_rows, pose_columns
 from vioapr.geometry.rigid import Rigid3

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from vioapr.errors import FormatError
+from vioapr.files.jsons import as_numbers, get_list, load_object
+from vioapr.files.text import read_text, write_text
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, ReadOptions, read_text, write_text
-from vioapr.formats.jsons import as_numbers, get_list, load_object
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import rigid_of_matrices
 from vioapr.formats.table import Rows

@@ -25,9 +25,7 @@ MATRIX_TOLERANCE = 0.01
 """How far from orthonormal a rotation matrix may be: text files round to 3 digits and more."""
 
 
-def poses_of(
-    rows: Rows, positions_m: NDArray[np.float64], quats_xyzw: NDArray[np.float64]
-) -> Rigid3:
+def poses_of(rows: Rows, position_m: NDArray[np.float64], quat_xyzw: NDArray[np.float64]) -> Rigid3:
     """The numbers of a file as poses, in whatever convention it has.
 
     To be called before any conversion, so that messages quote the file's own numbers.
@@ -36,15 +34,15 @@ def poses_of(
         FormatError: Not finite, too far or not a unit quaternion, naming the line.
     """
     _raise_problem(
-        rows, find_problem(np.arange(len(rows), dtype=np.float64), positions_m, quats_xyzw)
+        rows, find_problem(np.arange(len(rows), dtype=np.float64), position_m, quat_xyzw)
     )
-    is_far = (np.abs(positions_m) > MAX_DISTANCE_M).any(axis=1)
+    is_far = (np.abs(position_m) > MAX_DISTANCE_M).any(axis=1)
     if is_far.any():
         row = int(np.argmax(is_far))
-        farthest = np.abs(positions_m[row]).max()
+        farthest = np.abs(position_m[row]).max()
         problem = f"expected positions within {MAX_DISTANCE_M:.0e} m, got {farthest:.3g}"
         raise FormatError(rows.path, problem, rows.lines[row])
-    return Rigid3(positions_m, quaternion.normalize(quats_xyzw))
+    return Rigid3(position_m, quaternion.normalize(quat_xyzw))
 
 
 def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
@@ -85,7 +83,7 @@ def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
 
 def build_trajectory(
     rows: Rows,
-    timestamps_s: NDArray[np.float64],
+    timestamp_s: NDArray[np.float64],
     target_from_source: Rigid3,
     options: ReadOptions,
     *,
@@ -98,7 +96,7 @@ def build_trajectory(
 
     Args:
         rows: Where each pose came from.
-        timestamps_s: Shape (n,), s; the row's index where there is no clock.
+        timestamp_s: Shape (n,), s; the row's index where there is no clock.
         target_from_source: Poses from `poses_of`, already in our conventions.
         options: Whether rows out of order are skipped.
         names: Image names.
@@ -106,21 +104,21 @@ def build_trajectory(
         target: Name of the target frame.
         source: Name of the source frame.
     """
-    kept = _rows_in_order(rows, timestamps_s, options)
-    rows, timestamps_s = rows.at(kept), timestamps_s[kept]
+    kept = _rows_in_order(rows, timestamp_s, options)
+    rows, timestamp_s = rows.at(kept), timestamp_s[kept]
     poses = target_from_source.at(kept)
     names = None if names is None else [names[i] for i in kept]
-    positions_m, quats_xyzw = poses.translation_m, poses.quat_xyzw
-    _raise_problem(rows, find_problem(timestamps_s, positions_m, quats_xyzw, names=names))
-    is_late = np.abs(timestamps_s) > MAX_TIME_S
+    position_m, quat_xyzw = poses.translation_m, poses.quat_xyzw
+    _raise_problem(rows, find_problem(timestamp_s, position_m, quat_xyzw, names=names))
+    is_late = np.abs(timestamp_s) > MAX_TIME_S
     if is_late.any():
         row = int(np.argmax(is_late))
-        problem = f"expected a timestamp in seconds, got {timestamps_s[row]:.6g} s: another unit?"
+        problem = f"expected a timestamp in seconds, got {timestamp_s[row]:.6g} s: another unit?"
         raise FormatError(rows.path, problem, rows.lines[row])
     return Trajectory.from_arrays(
-        timestamps_s,
-        positions_m,
-        quats_xyzw,
+        timestamp_s,
+        position_m,
+        quat_xyzw,
         names,
         is_timed=is_timed,
         target=target,
@@ -134,14 +132,12 @@ def _raise_problem(rows: Rows, problem: tuple[int | None, str] | None) -> None:
         raise FormatError(rows.path, what, None if row is None else rows.lines[row])
 
 
-def _rows_in_order(
-    rows: Rows, timestamps_s: NDArray[np.float64], options: ReadOptions
-) -> list[int]:
+def _rows_in_order(rows: Rows, timestamp_s: NDArray[np.float64], options: ReadOptions) -> list[int]:
     """All rows, or where `options` says so, those later than all before them."""
     if options.skipped is None:
         return list(range(len(rows)))
     kept, latest = [], -math.inf
-    for row, time in enumerate(timestamps_s.tolist()):
+    for row, time in enumerate(timestamp_s.tolist()):
         # NaN is kept, for find_problem to report.
         if time <= latest:
             relation = "a duplicate of" if time == latest else "earlier than"

@@ -16,17 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.files.jsons import as_numbers, get_list, load_object
+from vioapr.files.text import has_suffix, plain_name, read_bytes, read_text, write_bytes
 from vioapr.formats import conventions
-from vioapr.formats.base import (
-    Format,
-    ReadOptions,
-    has_suffix,
-    plain_name,
-    read_bytes,
-    read_text,
-    write_bytes,
-)
-from vioapr.formats.jsons import as_numbers, get_list, load_object
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, index_times, poses_of
 from vioapr.formats.table import Rows, pose_columns
 from vioapr.trajectory import Trajectory
@@ -108,7 +101,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     columns = pose_columns(conventions.world_from_arcam(trajectory.target_from_source))
     metadata: dict[str, Any] = {"poses": [row[3:] + row[:3] for row in columns]}
     if trajectory.is_timed:
-        metadata["frameTimestamps"] = trajectory.timestamps_s.tolist()
+        metadata["frameTimestamps"] = trajectory.timestamp_s.tolist()
     content = json.dumps(metadata).encode()
     if has_suffix(path, ".r3d"):
         buffer = io.BytesIO()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
+from vioapr.files.text import has_suffix, is_folder, read_bytes
 from vioapr.formats import (
     ace,
     advio,
@@ -25,7 +26,7 @@ from vioapr.formats import (
     stray,
     tum,
 )
-from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions, has_suffix, is_folder, read_bytes
+from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
 from vioapr.trajectory import Trajectory
 
 _ALL = (

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, ReadOptions, plain_name, read_text, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.headed import build_timed
 from vioapr.formats.poses import require_times
 from vioapr.formats.table import (
@@ -56,7 +57,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
         FormatError: The file cannot be written.
     """
     require_times(trajectory, "a ScanCapture file")
-    ticks = to_ticks(trajectory.timestamps_s, _MICROSECONDS)
+    ticks = to_ticks(trajectory.timestamp_s, _MICROSECONDS)
     columns = pose_columns(conventions.world_from_arcam(trajectory.target_from_source))
     rows = [(t, "normal", *row, *[0] * 6) for t, row in zip(ticks, columns, strict=True)]
     write_text(path, f"# {_COLUMNS}\n" + format_rows(rows, ","))

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.formats.base import Format, ReadOptions, is_folder, read_text, write_text
+from vioapr.files.text import is_folder, read_text, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import rigid_of_matrices
 from vioapr.formats.table import Rows, format_rows, parse_rows

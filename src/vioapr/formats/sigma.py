@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.formats.base import write_text
+from vioapr.files.text import write_text
 from vioapr.formats.table import Rows, read_headed_csv
 from vioapr.trajectory import Trajectory, nearest_rows
 
@@ -60,7 +60,7 @@ def read_sigmas(path: Path, predictions: Trajectory) -> Sigmas:
         raise FormatError(path, "expected predictions with timestamps, got names only")
     values = rows.numbers(slice(0, 3))
     _check_sigmas(rows, values[:, 1:])
-    nearest = _match(rows, values[:, 0], predictions.timestamps_s)
+    nearest = _match(rows, values[:, 0], predictions.timestamp_s)
     ordered = np.full((2, len(predictions)), np.nan)
     ordered[:, nearest] = values[:, 1:].T
     return Sigmas(*ordered)
@@ -78,7 +78,7 @@ def write_sigmas_beside(path: Path, predictions: Trajectory, sigmas: Sigmas) -> 
     Raises:
         FormatError: It cannot be written.
     """
-    columns = zip(predictions.timestamps_s, *sigmas, strict=True)
+    columns = zip(predictions.timestamp_s, *sigmas, strict=True)
     rows = [f"{time_s:.6f},{m:.6g},{deg:.6g}" for time_s, m, deg in columns]
     write_text(path.with_suffix(SUFFIX), "\n".join([",".join(COLUMNS), *rows]) + "\n")
 
@@ -91,20 +91,20 @@ def _check_sigmas(rows: Rows, sigmas: NDArray[np.float64]) -> None:
 
 
 def _match(
-    rows: Rows, times_s: NDArray[np.float64], predictions_s: NDArray[np.float64]
+    rows: Rows, timestamp_s: NDArray[np.float64], predictions_s: NDArray[np.float64]
 ) -> NDArray[np.intp]:
     """The prediction of every row, shape (n,)."""
-    for row in np.flatnonzero(~np.isfinite(times_s))[:1]:
-        problem = f"expected a finite timestamp_s, got {times_s[row]}"
+    for row in np.flatnonzero(~np.isfinite(timestamp_s))[:1]:
+        problem = f"expected a finite timestamp_s, got {timestamp_s[row]}"
         raise FormatError(rows.path, problem, rows.lines[row])
-    nearest = nearest_rows(times_s, predictions_s)
-    gaps = np.abs(predictions_s[nearest] - times_s)
+    nearest = nearest_rows(timestamp_s, predictions_s)
+    gaps = np.abs(predictions_s[nearest] - timestamp_s)
     for row in np.flatnonzero(gaps > _SAME_TIME_S)[:1]:
-        problem = f"expected the time of a prediction, got {times_s[row]:.6f} s"
+        problem = f"expected the time of a prediction, got {timestamp_s[row]:.6f} s"
         nearest_is = f"the nearest one is at {predictions_s[nearest[row]]:.6f} s"
         raise FormatError(rows.path, f"{problem}: {nearest_is}", rows.lines[row])
     first = np.unique(nearest, return_index=True)[1]
     for row in np.setdiff1d(np.arange(len(nearest)), first)[:1]:
-        problem = f"expected one row a prediction, got {times_s[row]:.6f} s again"
+        problem = f"expected one row a prediction, got {timestamp_s[row]:.6f} s again"
         raise FormatError(rows.path, problem, rows.lines[row])
     return nearest

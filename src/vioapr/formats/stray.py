@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.text import write_text
 from vioapr.formats import conventions
-from vioapr.formats.base import Format, ReadOptions, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.headed import POSE_COLUMNS, build_timed
 from vioapr.formats.poses import require_times
 from vioapr.formats.table import format_rows, pose_columns, read_headed_csv
@@ -45,7 +46,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     """
     require_times(trajectory, "a Stray Scanner file")
     columns = pose_columns(trajectory.target_from_source)
-    times = trajectory.timestamps_s.tolist()
+    times = trajectory.timestamp_s.tolist()
     rows = [
         (time, f"{number:06d}", *row)
         for number, (time, row) in enumerate(zip(times, columns, strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.formats.base import read_text
+from vioapr.files.text import read_text
 from vioapr.geometry.rigid import Rigid3
 
 _PART_ROWS, _PART_CHARACTERS = 4096, 1 << 20
@@ -191,10 +191,10 @@ def read_headed_csv(path: Path, required: Sequence[str]) -> Rows:
     return Rows(path, [[row[i] for i in order] for row in rows.fields], rows.lines)
 
 
-def to_ticks(timestamps_s: NDArray[np.float64], per_second: int) -> list[int]:
+def to_ticks(timestamp_s: NDArray[np.float64], per_second: int) -> list[int]:
     """Seconds as whole ticks of a clock, without the rounding of a product of doubles."""
     ticks = []
-    for time in timestamps_s.tolist():
+    for time in timestamp_s.tolist():
         numerator, denominator = time.as_integer_ratio()
         ticks.append((2 * numerator * per_second + denominator) // (2 * denominator))
     return ticks

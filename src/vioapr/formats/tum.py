@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vioapr.formats.base import Format, ReadOptions, has_suffix, read_text, write_text
+from vioapr.files.text import has_suffix, read_text, write_text
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, poses_of, require_times
 from vioapr.formats.table import all_numbers, format_rows, head_rows, parse_numbers, pose_columns
 from vioapr.trajectory import Trajectory
@@ -39,7 +40,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     """
     require_times(trajectory, "a TUM file")
     columns = pose_columns(trajectory.target_from_source)
-    times = trajectory.timestamps_s.tolist()
+    times = trajectory.timestamp_s.tolist()
     rows = [(time, *row) for time, row in zip(times, columns, strict=True)]
     write_text(path, f"# {_COLUMNS}\n" + format_rows(rows, " "))
 

@@ -147,11 +147,11 @@ def update_reference(
     return Reference(apr_world_from_cam, vio_from_cam, reference.is_known | is_complete)
 
 
-def _mean_poses(positions_m: Array, quats_xyzw: Array, weights: Array) -> tuple[Array, Array]:
+def _mean_poses(position_m: Array, quat_xyzw: Array, weights: Array) -> tuple[Array, Array]:
     """Geometric medians and mean rotations, shapes (..., 2, n, 3), (..., 2, n, 4), (..., n)."""
-    newest = positions_m[..., :1, :]
-    medians = geometric_median(positions_m - newest, weights[..., None, :])
-    return newest[..., 0, :] + medians, mean_quaternion(quats_xyzw, weights[..., None, :])
+    newest = position_m[..., :1, :]
+    medians = geometric_median(position_m - newest, weights[..., None, :])
+    return newest[..., 0, :] + medians, mean_quaternion(quat_xyzw, weights[..., None, :])
 
 
 def hide_unless(condition: Array, pose: Rigid3) -> Rigid3:

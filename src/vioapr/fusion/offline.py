@@ -26,21 +26,21 @@ class FusedWalk:
     """A method's estimates over one walk, n frames.
 
     Attributes:
-        timestamps_s: Shape (n,), seconds.
+        timestamp_s: Shape (n,), seconds.
         world_from_cam: Poses, shape (n,); NaN where unlocalized.
         status: Shape (n,), integers of `Status`.
         sigma_position_m: Shape (n,), per axis, or None where the method has none.
         sigma_orientation_deg: Shape (n,), or None.
     """
 
-    timestamps_s: NDArray[np.float64]
+    timestamp_s: NDArray[np.float64]
     world_from_cam: Rigid3
     status: NDArray[np.integer]
     sigma_position_m: NDArray[np.float64] | None = None
     sigma_orientation_deg: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
-        return len(self.timestamps_s)
+        return len(self.timestamp_s)
 
     @property
     def is_localized(self) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ class PairedFrames:
         return len(self.inputs.timestamp_s)
 
     @property
-    def timestamps_s(self) -> NDArray[np.float64]:
+    def timestamp_s(self) -> NDArray[np.float64]:
         """Shape (n,), strictly increasing, seconds."""
         return self.inputs.timestamp_s
 
@@ -71,7 +71,7 @@ def pair_frames(
     apr_row = np.full(count, -1)
     apr_row[pairs.left_rows] = pairs.right_rows
     apr_row[len(vio) :] = alone
-    times = np.concatenate([vio.timestamps_s, apr.timestamps_s[alone]])
+    times = np.concatenate([vio.timestamp_s, apr.timestamp_s[alone]])
     order = np.argsort(times, kind="stable")
     vio_row, apr_row, times = vio_row[order], apr_row[order], times[order]
     inputs = FrameInput(
@@ -126,7 +126,7 @@ def _explain_no_pairs(apr: Trajectory, vio: Trajectory, tolerance_s: float) -> s
             "no prediction has a VIO pose: the image names have nothing in common, "
             f"e.g. {apr.names[0]!r} and {vio.names[0]!r}"
         )
-    spans = [f"{t.timestamps_s[0]:.3f} to {t.timestamps_s[-1]:.3f} s" for t in (apr, vio)]
+    spans = [f"{t.timestamp_s[0]:.3f} to {t.timestamp_s[-1]:.3f} s" for t in (apr, vio)]
     return (
         f"no prediction has a VIO pose within {tolerance_s} s: predictions cover {spans[0]}, "
         f"VIO {spans[1]}; both must use one clock"

@@ -74,7 +74,7 @@ def reverse(walk: PairedFrames) -> PairedFrames:
     reset[:1] = False
     return PairedFrames(
         inputs._replace(
-            timestamp_s=walk.timestamps_s[0] + walk.timestamps_s[-1] - inputs.timestamp_s,
+            timestamp_s=walk.timestamp_s[0] + walk.timestamp_s[-1] - inputs.timestamp_s,
             tracking_reset=reset,
         )
     )

@@ -43,7 +43,7 @@ def geometric_median(
     return (total[..., :3] / total[..., 3:])[..., 0, :]
 
 
-def mean_quaternion(quats_xyzw: Array, weights: Array) -> Array:
+def mean_quaternion(quat_xyzw: Array, weights: Array) -> Array:
     """The rotation with the least weighted sum of squared chordal distances.
 
     The largest eigenvector of the weighted sum of q q^T (Markley 2007), which does not care
@@ -51,15 +51,15 @@ def mean_quaternion(quats_xyzw: Array, weights: Array) -> Array:
     eigen-decomposition and so runs everywhere.
 
     Args:
-        quats_xyzw: Unit quaternions, shape (..., n, 4).
+        quat_xyzw: Unit quaternions, shape (..., n, 4).
         weights: Shape (..., n), not negative, not all zero.
 
     Returns:
         Unit quaternion, shape (..., 4).
     """
-    xp = namespace(quats_xyzw)
-    weighted = quats_xyzw * weights[..., None]
-    power = xp.matrix_transpose(weighted) @ quats_xyzw
+    xp = namespace(quat_xyzw)
+    weighted = quat_xyzw * weights[..., None]
+    power = xp.matrix_transpose(weighted) @ quat_xyzw
     for squaring in range(_SQUARINGS):
         # Between two scalings entries grow to 4^7 at most: far from overflow.
         if squaring % 3 == 0:

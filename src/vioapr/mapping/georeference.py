@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.recording.scene import GeodeticOrigin
+from vioapr.scene.scene import GeodeticOrigin
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563

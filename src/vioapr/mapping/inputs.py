@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, MappingError
+from vioapr.files.images import probe_image
 from vioapr.geometry.rigid import Rigid3
-from vioapr.recording.frames import Frames, Tracking
-from vioapr.recording.images import probe_image
-from vioapr.recording.recording import FRAMES_FILE, IMAGES_FOLDER, Recording
-from vioapr.recording.scene import SCENE_FILE, Scene
+from vioapr.scene.frames import Frames, Tracking
+from vioapr.scene.recording import FRAMES_FILE, IMAGES_FOLDER, Recording
+from vioapr.scene.scene import SCENE_FILE, Scene
 
 FOCAL_STEP = 0.02
 """Frames whose focal lengths differ by less share a camera: autofocus changes it by a percent."""

@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 
 from vioapr.errors import MappingError
 from vioapr.mapping import pairs
+from vioapr.mapping.alignment import place_model, poses_of_model
 from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors
 from vioapr.mapping.features import extract_features, image_ids, read_descriptors
 from vioapr.mapping.inputs import collect_images
-from vioapr.mapping.isolation import run_isolated
 from vioapr.mapping.matching import MIN_INLIERS, count_inliers, find_islands, match_pairs
 from vioapr.mapping.params import MappingParams
-from vioapr.mapping.placing import place_model, poses_of_model
 from vioapr.mapping.pruning import locate, prune_pairs
 from vioapr.mapping.publishing import publish
 from vioapr.mapping.reconstruct import reconstruct
 from vioapr.mapping.registration import Registered, pairs_by_vio, register_images
 from vioapr.mapping.retrieval import describe_images
-from vioapr.mapping.steps import Steps
 from vioapr.mapping.two_view import read_geometries
-from vioapr.recording.scene import RECORDINGS_FOLDER, Scene
+from vioapr.scene.scene import RECORDINGS_FOLDER, Scene
+from vioapr.work.child import run_isolated
+from vioapr.work.steps import Steps
 
 WORK_FOLDER = ".mapping"
 LIKENESS_FILE, PAIRS_FILE, ALL_PAIRS_FILE = "likeness.npy", "pairs.npy", "all_pairs.npy"

@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from vioapr import __version__
 from vioapr.errors import FormatError
 from vioapr.geometry.rigid import Rigid3
-from vioapr.mapping.carrying import carry_by_vio
+from vioapr.mapping.alignment import poses_of_model
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
-from vioapr.mapping.consistency import find_breaks, find_misplaced, with_bad_worlds
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.joining import MAX_TILT_DEG
+from vioapr.mapping.outliers import find_breaks, find_misplaced, with_bad_worlds
 from vioapr.mapping.params import MappingParams
-from vioapr.mapping.placing import poses_of_model
 from vioapr.mapping.pruning import tilt_deg
 from vioapr.mapping.registration import Registered
-from vioapr.mapping.steps import Steps, write_atomically
-from vioapr.recording.scene import GeodeticOrigin, Scene, World
+from vioapr.mapping.vio_interpolation import carry_by_vio
+from vioapr.scene.scene import GeodeticOrigin, Scene, World
 from vioapr.trajectory import Trajectory
+from vioapr.work.steps import Steps, write_atomically
 
 SUMMARY_FILE = "map.json"
 

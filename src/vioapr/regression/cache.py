@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.recording.images import read_rgb
+from vioapr.files.images import read_rgb
 
 CACHE_FOLDER = ".cache"
 _VERSION = 1

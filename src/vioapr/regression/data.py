@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, TrainingError
-from vioapr.recording.recording import IMAGES_FOLDER
-from vioapr.recording.scene import Scene
 from vioapr.regression.cache import CACHE_FOLDER, cached_images
+from vioapr.scene.recording import IMAGES_FOLDER
+from vioapr.scene.scene import Scene
 from vioapr.trajectory import poses_of_frames
 
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.formats import tum
 from vioapr.formats.sigma import Sigmas, write_sigmas_beside
-from vioapr.recording.recording import IMAGES_FOLDER
-from vioapr.recording.scene import Scene
 from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.cache import read_images
 from vioapr.regression.checkpoint import LoadedRegressor, load
 from vioapr.regression.networks import PoseNetwork
+from vioapr.scene.recording import IMAGES_FOLDER
+from vioapr.scene.scene import Scene
 from vioapr.trajectory import Trajectory
 
 

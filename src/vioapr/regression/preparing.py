@@ -9,13 +9,13 @@ from typing import NamedTuple
 import torch
 
 from vioapr.errors import ParameterError
-from vioapr.recording.scene import Scene
 from vioapr.regression.checkpoint import load_backbone_weights
 from vioapr.regression.data import PosedFrames, load_samples, split_frames
 from vioapr.regression.learner import Run, set_units
 from vioapr.regression.networks import build
 from vioapr.regression.params import TrainingParams
 from vioapr.regression.spec import RegressorSpec
+from vioapr.scene.scene import Scene
 
 
 class ChosenFrames(NamedTuple):

@@ -1,0 +1,1 @@
+"""From a trained regressor and a fusion method to the ONNX files that phones run."""

@@ -1,0 +1,188 @@
+"""From a trained regressor and a fusion method to the files that phones run."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import onnx
+import torch
+from torch import Tensor, nn
+
+from vioapr.errors import ParameterError
+from vioapr.export.describe import describe_apr, describe_fusion, describe_localizer, made_by
+from vioapr.export.graph import AprPose, FusionGraph, LocalizerGraph, NetworkGraph
+from vioapr.export.onnx_graph import finish, join, rename_input, trace
+from vioapr.export.preprocess import Preprocessor
+from vioapr.fusion.types import Method
+from vioapr.schemas.contract import Contract
+
+_NETWORK_INPUT = "network_input"
+_EXAMPLE = (480, 640, 3)
+
+
+class Spec(Protocol):
+    """What an export wants to know of a regressor (`vioapr.regression.checkpoint`)."""
+
+    @property
+    def model(self) -> str:
+        """The network's name."""
+        ...
+
+    @property
+    def resize(self) -> int:
+        """Side of the square that images are resized to, pixels."""
+        ...
+
+    @property
+    def crop(self) -> int:
+        """Side of the square that is cut out of its middle."""
+        ...
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of the scenes that it knows."""
+        ...
+
+
+@dataclass(frozen=True)
+class ExportedFile:
+    """A file's content and its contract."""
+
+    content: bytes
+    contract: Contract
+
+
+class Exporter:
+    """One regressor with one fusion method, in any precision, whole or split."""
+
+    def __init__(self, network: nn.Module, spec: Spec, method: Method, params: Any) -> None:
+        """Build the modules.
+
+        Args:
+            network: See `NetworkGraph`.
+            spec: What is known of it.
+            method: Of fusion.
+            params: Of the method.
+
+        Raises:
+            ParameterError: The method cannot be exported.
+        """
+        if not method.is_batched:
+            raise ParameterError(
+                f"--method {method.name}: expected one that runs as a graph of fixed size, such "
+                "as consensus or vio-apr"
+            )
+        self.spec = spec
+        self.preprocess = Preprocessor(spec.resize, spec.crop)
+        self.network = NetworkGraph(network).eval()
+        self.fusion = FusionGraph(method, params, _identify(network, spec)).eval()
+
+    @property
+    def eager(self) -> LocalizerGraph:
+        """The same computation in PyTorch."""
+        return LocalizerGraph(self.preprocess, self.network, self.fusion)
+
+    def export(
+        self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
+    ) -> ExportedFile:
+        """The whole localizer as one file.
+
+        Args:
+            precision: See `change_precision`.
+            calibration: Gives network inputs, see `change_precision`.
+        """
+        network = self._network(precision, calibration)
+        fusion = onnx.ModelProto()
+        fusion.CopyFrom(self._traced_fusion)
+        rename_input(fusion, "has_apr", "has_image")
+        contract = describe_localizer(
+            self.preprocess, self.fusion, self._fused_names, self._facts(precision)
+        )
+        parts = {"preprocess": self._traced_preprocess, "network": network, "fusion": fusion}
+        model = join(parts, contract.output_names)
+        return ExportedFile(finish(model, contract), contract)
+
+    def export_split(
+        self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
+    ) -> tuple[ExportedFile, ExportedFile]:
+        """Regressor and fusion as two files, for runtimes that run them on different devices."""
+        network = self._network(precision, calibration)
+        facts = self._facts(precision)
+        apr = describe_apr(self.preprocess, facts)
+        parts = {"preprocess": self._traced_preprocess, "network": network}
+        fusion = describe_fusion(self.fusion, self._fused_names, **facts)
+        return (
+            ExportedFile(finish(join(parts, apr.output_names), apr), apr),
+            ExportedFile(
+                finish(join({"fusion": self._traced_fusion}, fusion.output_names), fusion), fusion
+            ),
+        )
+
+    def _facts(self, precision: str) -> dict[str, Any]:
+        return {
+            "precision": precision,
+            "regressor": {"model": self.spec.model, "scenes": list(self.spec.scenes)},
+            "made_by": made_by(),
+        }
+
+    @cached_property
+    def _traced_preprocess(self) -> onnx.ModelProto:
+        example = {"image": torch.zeros(_EXAMPLE, dtype=torch.uint8)}
+        sizes = {"image": {0: "height", 1: "width"}}
+        return trace(self.preprocess, example, [_NETWORK_INPUT], sizes)
+
+    @cached_property
+    def _traced_network(self) -> onnx.ModelProto:
+        crop = self.preprocess.crop
+        example = {_NETWORK_INPUT: torch.zeros(1, 3, crop, crop), "has_image": torch.ones(1)}
+        return trace(self.network, example, AprPose._fields)
+
+    def _network(
+        self, precision: str, calibration: Callable[[], list[Any]] | None
+    ) -> onnx.ModelProto:
+        if precision == "fp32":
+            return self._traced_network
+        from vioapr.export.quantize import change_precision
+
+        return change_precision(self._traced_network, precision, calibration)
+
+    @cached_property
+    def _traced_fusion(self) -> onnx.ModelProto:
+        return trace(self.fusion, example_inputs(self.fusion), self._fused_names)
+
+    @cached_property
+    def _fused_names(self) -> tuple[str, ...]:
+        with torch.no_grad():
+            return tuple(self.fusion(*example_inputs(self.fusion).values()))
+
+
+def example_inputs(fusion: FusionGraph) -> dict[str, Tensor]:
+    """A frame for a fusion step."""
+    identity = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    inputs = {
+        "apr_world_from_cam": identity,
+        "apr_sigma_position_m": torch.ones(1),
+        "apr_sigma_orientation_deg": torch.ones(1),
+        "has_apr": torch.ones(1),
+        "vio_from_cam": identity.clone(),
+        "timestamp_s": torch.ones(1),
+        "tracking_ok": torch.ones(1),
+        "tracking_reset": torch.zeros(1),
+        "state": torch.zeros(fusion.layout.size),
+    }
+    if fusion.param_names:
+        values = [float(getattr(fusion.params, name)) for name in fusion.param_names]
+        inputs["params"] = torch.tensor(values)
+    return inputs
+
+
+def _identify(network: nn.Module, spec: Spec) -> str:
+    """Differs by regressor, so that states of one are not fed to another."""
+    digest = 0
+    for tensor in network.state_dict().values():
+        digest = zlib.crc32(tensor.detach().cpu().contiguous().numpy().tobytes(), digest)
+    return f"{spec.model} {spec.scenes} {digest}"

@@ -1,0 +1,240 @@
+"""The localizer as one PyTorch module: image and tracker pose in, fused pose and state out.
+
+The fusion step is the same source that NumPy runs, traced in float32 at batch shape (1,). What
+goes in and out is flat tensors; docs/contract.md describes them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from vioapr.export.portable import PortableFunctions
+from vioapr.export.preprocess import Preprocessor
+from vioapr.export.state import StateLayout
+from vioapr.fusion.types import Estimate, FrameInput, Method
+from vioapr.geometry.rigid import Rigid3
+
+RUN_TIME_PARAMS: dict[str, tuple[str, ...]] = {
+    "vio-apr": ("distance_threshold_m", "angle_threshold_deg", "run_pairs", "optimized_frames"),
+}
+"""Parameters that are inputs of the graph, by method; all others are fixed at export."""
+
+MAX_RUN_PAIRS = 8
+"""The largest N of method `vio-apr` that the graph has room for, unless exported with more."""
+
+_FARTHEST_M = 1e6
+"""Metres beyond which a position is not one."""
+
+_LARGEST = 1e30
+"""Beyond which a number of the state is not one."""
+
+
+class AprPose(NamedTuple):
+    """The regressor's answer, flat; NaN for a frame without image.
+
+    Attributes:
+        apr_world_from_cam: Shape (7,): x y z qx qy qz qw.
+        apr_sigma_position_m: Shape (1,).
+        apr_sigma_orientation_deg: Shape (1,).
+    """
+
+    apr_world_from_cam: Tensor
+    apr_sigma_position_m: Tensor
+    apr_sigma_orientation_deg: Tensor
+
+
+class NetworkGraph(nn.Module):
+    """A regressor with flat outputs."""
+
+    def __init__(self, network: nn.Module) -> None:
+        """Wrap a network.
+
+        Args:
+            network: From images (1, 3, crop, crop) to `position_m` (1, 3), `quat_xyzw` (1, 4),
+                `sigma_position_m` (1,), `sigma_orientation_rad` (1,).
+        """
+        super().__init__()
+        self.network = network
+
+    def forward(self, images: Tensor, has_image: Tensor) -> AprPose:
+        """Regress.
+
+        Args:
+            images: Shape (1, 3, crop, crop), see `Preprocessor`.
+            has_image: Shape (1,), 1 if there is an image, else 0.
+        """
+        found = self.network(images)
+        flat = (
+            torch.cat([found.position_m, found.quat_xyzw], dim=-1).reshape(7),
+            found.sigma_position_m.reshape(1),
+            found.sigma_orientation_rad.reshape(1) * (180 / math.pi),
+        )
+        is_seen = has_image > 0.5
+        return AprPose(*(torch.where(is_seen, x, torch.full_like(x, torch.nan)) for x in flat))
+
+
+class FusionGraph(nn.Module):
+    """One step of a fusion method on flat tensors."""
+
+    initial_state: Tensor
+
+    def __init__(self, method: Method, params: Any, identity: str = "") -> None:
+        """Fix the method.
+
+        Args:
+            method: A batched one.
+            params: Of it. Those in `RUN_TIME_PARAMS` become inputs.
+            identity: See `StateLayout`.
+        """
+        super().__init__()
+        self.method, self.params = method, params
+        self.layout = StateLayout(method, with_room(params), identity)
+        initial = torch.from_numpy(self.layout.initial)
+        self.register_buffer("initial_state", initial, persistent=False)
+
+    @property
+    def param_names(self) -> tuple[str, ...]:
+        """Names of the numbers in the input `params`, in order."""
+        return RUN_TIME_PARAMS.get(self.method.name, ())
+
+    def forward(
+        self,
+        apr_world_from_cam: Tensor,
+        apr_sigma_position_m: Tensor,
+        apr_sigma_orientation_deg: Tensor,
+        has_apr: Tensor,
+        vio_from_cam: Tensor,
+        timestamp_s: Tensor,
+        tracking_ok: Tensor,
+        tracking_reset: Tensor,
+        state: Tensor,
+        params: Tensor | None = None,
+    ) -> dict[str, Tensor]:
+        """One frame; see docs/contract.md for the tensors."""
+        apr, is_predicted = _read_pose(apr_world_from_cam, has_apr)
+        vio, is_tracked = _read_pose(vio_from_cam, tracking_ok)
+        frame = FrameInput(
+            timestamp_s,
+            apr,
+            is_predicted,
+            vio,
+            is_tracked,
+            tracking_reset > 0.5,
+            apr_sigma_position_m,
+            apr_sigma_orientation_deg * (math.pi / 180),
+        )
+        with PortableFunctions():
+            after, estimate = self.method.step(self._params(params), self._unpack(state), frame)
+        return self._outputs(after, estimate)
+
+    def _params(self, values: Tensor | None) -> Any:
+        if values is None:
+            return self.params
+        numbers = dict(zip(self.param_names, values.split(1), strict=True))
+        fixed = {field.name: getattr(self.params, field.name) for field in fields(self.params)}
+        return SimpleNamespace(**(fixed | numbers))
+
+    def _unpack(self, state: Tensor) -> Any:
+        """What is not this graph's own state counts as none."""
+        is_ours = state[:1] == self.initial_state[:1]
+        state = torch.where(is_ours, state, self.initial_state)
+        _, *pieces = state.split([1, *(leaf.size for leaf in self.layout.leaves)])
+        return self.layout.unpack(pieces)
+
+    def _outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:
+        pose = _flat(estimate.world_from_cam)
+        next_state = torch.cat([self.initial_state[:1], *self.layout.pack(after)])
+        # Numbers that overflowed must not look like a pose, nor live on.
+        status = torch.where(
+            _is_below(_FARTHEST_M, pose), estimate.status, torch.zeros_like(estimate.status)
+        )
+        next_state = torch.where(
+            _is_below(_LARGEST, next_state), next_state, torch.zeros_like(next_state)
+        )
+        outputs = {
+            "world_from_cam": torch.where(status > 0, pose, torch.full_like(pose, torch.nan)),
+            "world_from_vio": _flat(estimate.world_from_vio),
+            "status": status,
+            "confirmed_run": estimate.confirmed_run,
+        }
+        for name in SIGMAS:
+            if (sigma := getattr(estimate, name)) is not None:
+                outputs[name] = sigma.reshape(-1)
+        return outputs | {"next_state": next_state}
+
+
+SIGMAS = (
+    "sigma_position_m",
+    "sigma_orientation_deg",
+    "sigma_position_axes_m",
+    "sigma_orientation_axes_deg",
+)
+"""Outputs of the methods that state their uncertainty."""
+
+
+class LocalizerGraph(nn.Module):
+    """The whole: an image and the tracker's pose to the fused pose."""
+
+    def __init__(
+        self, preprocess: Preprocessor, network: NetworkGraph, fusion: FusionGraph
+    ) -> None:
+        """Join the parts."""
+        super().__init__()
+        self.preprocess, self.network, self.fusion = preprocess, network, fusion
+
+    def forward(
+        self,
+        image: Tensor,
+        has_image: Tensor,
+        vio_from_cam: Tensor,
+        timestamp_s: Tensor,
+        tracking_ok: Tensor,
+        tracking_reset: Tensor,
+        state: Tensor,
+        params: Tensor | None = None,
+    ) -> dict[str, Tensor]:
+        """One frame; see docs/contract.md for the tensors."""
+        apr = self.network(self.preprocess(image), has_image)
+        fused = self.fusion(
+            *apr,
+            has_image,
+            vio_from_cam,
+            timestamp_s,
+            tracking_ok,
+            tracking_reset,
+            state,
+            params,
+        )
+        return fused | apr._asdict()
+
+
+def with_room(params: Any) -> Any:
+    """The parameters that fix the state's size: room for any N up to the largest."""
+    pairs = getattr(params, "run_pairs", None)
+    return params if pairs is None else replace(params, run_pairs=max(pairs, MAX_RUN_PAIRS))
+
+
+def _read_pose(flat: Tensor, flag: Tensor) -> tuple[Rigid3, Tensor]:
+    """A pose of shape (1,) and whether there is one: what is not a pose becomes the identity."""
+    squares = flat[3:] * flat[3:]
+    norm = torch.sqrt(squares.sum(dim=0, keepdim=True))
+    is_there = (flag > 0.5) & _is_below(_FARTHEST_M, flat) & (norm > 0.5)
+    identity = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    pose = torch.where(is_there, flat, identity)
+    unit = pose[3:] / torch.where(is_there, norm, torch.ones_like(norm))
+    return Rigid3(pose[:3][None], unit[None]), is_there
+
+
+def _is_below(limit: float, values: Tensor) -> Tensor:
+    """Whether all sizes are below a limit, shape (1,); false for NaN."""
+    return (torch.abs(values) < limit).all().reshape(1)
+
+
+def _flat(pose: Rigid3) -> Tensor:
+    return torch.cat([pose.translation_m, pose.quat_xyzw], dim=-1).reshape(7)

@@ -1,0 +1,156 @@
+"""Tracing modules to ONNX, and joining and tidying ONNX graphs."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import onnx
+import torch
+from torch import Tensor, nn
+
+from vioapr.errors import VioAprError
+from vioapr.export.operators import find_forbidden
+from vioapr.export.simplify import simplify
+from vioapr.schemas.contract import METADATA_KEY, Contract
+
+OPSET = 18
+
+
+def trace(
+    module: nn.Module,
+    inputs: Mapping[str, Tensor],
+    outputs: Sequence[str],
+    free_sizes: Mapping[str, Mapping[int, str]] | None = None,
+) -> onnx.ModelProto:
+    """Export a module.
+
+    Args:
+        module: In evaluation mode.
+        inputs: An example of every input, by name and in order.
+        outputs: Names.
+        free_sizes: By input, axes of any size and their names.
+    """
+    dims = {
+        name: {axis: torch.export.Dim(size) for axis, size in axes.items()}
+        for name, axes in (free_sizes or {}).items()
+    }
+    with warnings.catch_warnings(), _quiet("torch.onnx"), _quiet("onnxscript"), _quiet("onnx_ir"):
+        warnings.simplefilter("ignore")  # about PyTorch's own insides
+        program = torch.onnx.export(
+            module,
+            tuple(inputs.values()),
+            dynamo=True,
+            opset_version=OPSET,
+            input_names=list(inputs),
+            output_names=list(outputs),
+            dynamic_shapes=tuple(dims.get(name) for name in inputs),
+            optimize=False,
+            verbose=False,
+        )
+        assert program is not None
+        simplify(program.model)
+    model = program.model_proto
+    _strip(model)
+    return model
+
+
+class _quiet:
+    """Keeps a logger's warnings away: of packages that are not needed here."""
+
+    def __init__(self, name: str) -> None:
+        self._logger = logging.getLogger(name)
+
+    def __enter__(self) -> None:
+        self._level = self._logger.level
+        self._logger.setLevel(logging.ERROR)
+
+    def __exit__(self, *_: Any) -> None:
+        self._logger.setLevel(self._level)
+
+
+def _strip(model: onnx.ModelProto) -> None:
+    """Take out what says where in the source a node came from: most of a small graph's bytes."""
+    for node in model.graph.node:
+        del node.metadata_props[:]
+        node.doc_string = ""
+    for value in (*model.graph.input, *model.graph.output, *model.graph.initializer):
+        del value.metadata_props[:]
+    del model.graph.metadata_props[:], model.graph.value_info[:], model.metadata_props[:]
+
+
+def join(parts: Mapping[str, onnx.ModelProto], outputs: Sequence[str]) -> onnx.ModelProto:
+    """Join models into one: what one puts out under a name, later ones take in under it.
+
+    Args:
+        parts: In order of execution; their names become prefixes of nodes and inner tensors.
+        outputs: What the whole puts out, in order.
+    """
+    whole = onnx.ModelProto()
+    inputs: dict[str, onnx.ValueInfoProto] = {}
+    made: dict[str, onnx.ValueInfoProto] = {}
+    for prefix, part in parts.items():
+        if not whole.graph.node:
+            whole.ir_version, whole.producer_name = part.ir_version, "vioapr"
+            whole.graph.name = "localizer"
+            whole.opset_import.extend(part.opset_import)
+        graph = _with_prefix(part.graph, prefix)
+        for value in graph.input:
+            if value.name not in made:
+                inputs.setdefault(value.name, value)
+        made.update({value.name: value for value in graph.output})
+        whole.graph.node.extend(graph.node)
+        whole.graph.initializer.extend(graph.initializer)
+    whole.graph.input.extend(inputs.values())
+    whole.graph.output.extend(made[name] for name in outputs)
+    return whole
+
+
+def _with_prefix(graph: onnx.GraphProto, prefix: str) -> onnx.GraphProto:
+    outer = {value.name for value in (*graph.input, *graph.output)} | {""}
+    copy = onnx.GraphProto()
+    copy.CopyFrom(graph)
+
+    def rename(name: str) -> str:
+        return name if name in outer else f"{prefix}/{name}"
+
+    for index, node in enumerate(copy.node):
+        node.name = f"{prefix}/{node.op_type}_{index}"
+        node.input[:] = [rename(name) for name in node.input]
+        node.output[:] = [rename(name) for name in node.output]
+    for tensor in copy.initializer:
+        tensor.name = rename(tensor.name)
+    return copy
+
+
+def rename_input(model: onnx.ModelProto, old: str, new: str) -> None:
+    """Rename an input of a model."""
+    for value in model.graph.input:
+        if value.name == old:
+            value.name = new
+    for node in model.graph.node:
+        node.input[:] = [new if name == old else name for name in node.input]
+
+
+def finish(model: onnx.ModelProto, contract: Contract) -> bytes:
+    """Put in the contract, check the model, and serialize it.
+
+    Raises:
+        VioAprError: The network uses an operator that not all runtimes have.
+    """
+    del model.metadata_props[:]
+    entry = model.metadata_props.add()
+    entry.key, entry.value = METADATA_KEY, contract.to_json()
+    is_quantized = contract.precision == "int8-qdq"
+    used = (node.op_type for node in model.graph.node)
+    if forbidden := find_forbidden(used, is_quantized=is_quantized):
+        raise VioAprError(
+            f"the graph uses operators that not every runtime has: {', '.join(forbidden)} "
+            "(vioapr.export.operators lists those that may be used)"
+        )
+    assert [i.name for i in model.graph.input] == [spec.name for spec in contract.inputs]
+    assert [o.name for o in model.graph.output] == list(contract.output_names)
+    onnx.checker.check_model(model)
+    return model.SerializeToString()

@@ -1,0 +1,239 @@
+"""What an importer gives: walks, with what was found out about them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError, ParameterError
+from vioapr.files.images import IMAGE_SUFFIXES
+from vioapr.files.text import natural_key
+from vioapr.geometry.rigid import Rigid3
+from vioapr.scene.frames import Intrinsics, Tracking
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.scene import World
+from vioapr.scene.sensors import Gnss, Heading, Imu
+from vioapr.trajectory import Trajectory
+
+Image = Path | str | bytes | NDArray[np.uint8] | None
+"""A path, encoded bytes, pixels, or nothing; of very many, paths are faster as text."""
+
+_ODD = re.compile(r'[,"\s\x00-\x1f]')
+"""What the name of an image in `frames.csv` must not hold."""
+
+Split = Literal["train", "test", "none"]
+Place = Literal["outdoor", "indoor"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that was found out; a warning where the user should look."""
+
+    text: str
+    is_warning: bool = False
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What the user says of a source; None leaves it to the importer.
+
+    Attributes:
+        id: Of the recording, for sources with one.
+        split: Which split the recordings go to.
+        tracker: Which of several trackers' files to take, e.g. "arcore".
+        poses: A trajectory file of the tracker's poses.
+        gt: A trajectory file of ground truth.
+        rate_hz: Frames per second, for sources without timestamps.
+    """
+
+    id: str | None = None
+    split: Split | None = None
+    tracker: str | None = None
+    poses: Path | None = None
+    gt: Path | None = None
+    rate_hz: float | None = None
+
+    def split_or(self, default: str | None) -> str | None:
+        """The split to use: the user's, or the importer's own."""
+        return default if self.split is None else None if self.split == "none" else self.split
+
+
+@dataclass(eq=False)
+class Walk:
+    """A recording to be written, n frames.
+
+    Attributes:
+        id: Its id in the scene.
+        split: "train", "test" or None.
+        info: What made it.
+        source: Where it is read from, for messages.
+        timestamp_s: Shape (n,), increasing, s.
+        image_names: File names for `images/`, "" for frames without image.
+        images: What to write under them, in order; read when asked for, one at a time.
+        vio_from_cam: Shape (n,), NaN where tracking was lost.
+        tracking: Shape (n,), values of `Tracking`.
+        intrinsics: Numbers, or shapes (n,).
+        gt: world_from_cam of some of the frames, with their timestamps, or None.
+        imu: Or None.
+        gnss: Or None.
+        heading: Or None.
+        findings: What was found out.
+    """
+
+    id: str
+    split: str | None
+    info: RecordingInfo
+    source: Path
+    timestamp_s: NDArray[np.float64]
+    image_names: Sequence[str]
+    images: Iterable[Image]
+    vio_from_cam: Rigid3
+    tracking: NDArray[np.uint8]
+    intrinsics: Intrinsics = field(default_factory=Intrinsics)
+    gt: Trajectory | None = None
+    imu: Imu | None = None
+    gnss: Gnss | None = None
+    heading: Heading | None = None
+    findings: list[Finding] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.timestamp_s)
+
+    def note(self, text: str) -> None:
+        """Add something that is as it should be."""
+        self.findings.append(Finding(text))
+
+    def warn(self, text: str) -> None:
+        """Add something that the user should look at."""
+        self.findings.append(Finding(text, is_warning=True))
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedScene:
+    """The walks of one place.
+
+    Attributes:
+        name: Of the place, or "" if the source has none.
+        place: Outdoor or indoor; None if the source does not say.
+        world: Of the ground truth.
+        walks: How many there are.
+        read: Reads them, one at a time.
+    """
+
+    name: str
+    place: Place | None
+    world: World
+    walks: int
+    read: Callable[[], Iterator[Walk]]
+
+
+@dataclass(frozen=True)
+class Importer:
+    """A source that can be imported.
+
+    Attributes:
+        name: For the command line.
+        title: For people.
+        layout: What the source must hold.
+        read: From a source to scenes.
+        uses: The options that it heeds, besides `id` and `split`.
+    """
+
+    name: str
+    title: str
+    layout: str
+    read: Callable[[Path, ImportOptions], list[ImportedScene]]
+    uses: frozenset[str] = frozenset()
+
+
+def one_walk(
+    read: Callable[[], Walk],
+    *,
+    name: str = "",
+    place: Place | None = None,
+    world: World | None = None,
+) -> list[ImportedScene]:
+    """A source that is a single walk."""
+
+    def walks() -> Iterator[Walk]:
+        yield read()
+
+    return [ImportedScene(name, place, world or World(), 1, walks)]
+
+
+def id_of(name: str) -> str:
+    """A recording's id out of a file's or folder's name."""
+    text = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-._")[:100]
+    if not text:
+        raise ParameterError(f"cannot make a recording's id out of {name!r}: give one with --id")
+    return text
+
+
+def require_folder(path: Path, what: str) -> None:
+    """Check that a source is a folder.
+
+    Raises:
+        FormatError: It is not.
+    """
+    if not path.is_dir():
+        found = "a file" if path.exists() else "nothing of this name"
+        raise FormatError(path, f"expected {what}, found {found}")
+
+
+def list_image_names(folder: Path) -> list[str]:
+    """Names of the image files in a folder, in natural order; none if there is no such folder."""
+    if not folder.is_dir():
+        return []
+    with os.scandir(folder) as entries:
+        found = [e.name for e in entries if e.name.lower().endswith(IMAGE_SUFFIXES)]
+    names = [name for name in found if name[0] != "."]
+    # Numbers of equal length sort as text, which is much faster.
+    is_even = len({len(name) for name in names}) <= 1
+    names.sort(key=None if is_even else natural_key)
+    return names
+
+
+def flat_names(paths: Sequence[str]) -> list[str]:
+    """Names for one folder out of paths: the last part, or all of it where that comes twice."""
+    last = [path.replace("\\", "/").rpartition("/")[2] for path in paths]
+    if len(set(last)) == len(last):
+        # All at once first: odd names are rare, and there may be very many.
+        is_odd = _ODD.search("/".join(last)) or any(name[:1] == "." for name in last)
+        return [_clean(name) for name in last] if is_odd else last
+    return [_clean(re.sub(r"[/\\]+", "_", path.strip("./\\"))) for path in paths]
+
+
+def _clean(name: str) -> str:
+    """A name that `frames.csv` can hold."""
+    return _ODD.sub("_", name).lstrip(".")
+
+
+def no_poses(count: int) -> Rigid3:
+    """Poses of frames that have none."""
+    return Rigid3(np.full((count, 3), np.nan), np.full((count, 4), np.nan))
+
+
+def tracking_of(vio_from_cam: Rigid3) -> NDArray[np.uint8]:
+    """Normal where there is a pose, lost where there is none."""
+    has_pose = np.isfinite(vio_from_cam.translation_m[:, 0])
+    return np.where(has_pose, Tracking.NORMAL, Tracking.LOST).astype(np.uint8)
+
+
+def spread_poses(trajectory: Trajectory, rows: NDArray[np.intp], count: int) -> Rigid3:
+    """Poses of some of `count` frames, NaN for the others: pose k belongs to frame rows[k]."""
+    poses = no_poses(count)
+    poses.translation_m[rows] = trajectory.position_m
+    poses.quat_xyzw[rows] = trajectory.quat_xyzw
+    return poses
+
+
+def timed_gt(trajectory: Trajectory, timestamp_s: NDArray[np.float64]) -> Trajectory:
+    """Ground truth on the recording's clock."""
+    return Trajectory.from_arrays(timestamp_s, *trajectory.target_from_source)

@@ -1,0 +1,143 @@
+"""Record3D: an `.r3d` zip, or the folder that it was unpacked to: `metadata` and `rgbd/N.jpg`."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vioapr.errors import FormatError
+from vioapr.files.images import IMAGE_SUFFIXES
+from vioapr.files.jsons import as_numbers, load_object
+from vioapr.files.text import natural_key
+from vioapr.formats import record3d
+from vioapr.formats.base import ReadOptions
+from vioapr.importers.base import (
+    Image,
+    ImportedScene,
+    Importer,
+    ImportOptions,
+    Walk,
+    id_of,
+    list_image_names,
+    one_walk,
+    tracking_of,
+)
+from vioapr.scene.frames import Intrinsics
+from vioapr.scene.info import RecordingInfo
+
+_METADATA = ("metadata", "metadata.json")
+_IMAGE_FOLDERS = ("rgbd", "rgb")
+_DEFAULT_RATE_HZ = 30.0
+
+
+def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
+    """An `.r3d` file or an unpacked folder."""
+    return one_walk(lambda: _read_walk(source, options))
+
+
+def _read_walk(source: Path, options: ImportOptions) -> Walk:
+    metadata = _find_metadata(source)
+    read_options = ReadOptions(rate_hz=options.rate_hz or _DEFAULT_RATE_HZ)
+    vio = record3d.read(metadata, read_options)
+    content = load_object(metadata, record3d.read_metadata(metadata))
+    images = _find_images(source)
+    names = [f"{row:06d}{_suffix(images.get(row))}" for row in range(len(vio))]
+    has_clock = "frameTimestamps" in content
+    walk = Walk(
+        id=options.id or id_of(source.resolve().stem),
+        split=options.split_or("train"),
+        info=RecordingInfo(
+            tracker="ARKit", source="Record3D", clock="device" if has_clock else "frame-rate"
+        ),
+        source=source,
+        timestamp_s=vio.timestamp_s,
+        image_names=[name if row in images else "" for row, name in enumerate(names)],
+        images=_read_images(source, images, len(vio)),
+        vio_from_cam=vio.target_from_source,
+        tracking=tracking_of(vio.target_from_source),
+        intrinsics=_read_intrinsics(metadata, content, len(vio)),
+    )
+    if not has_clock:
+        walk.warn("no timestamps: counted from the frame rate")
+    unused = len(images) - sum(1 for name in walk.image_names if name)
+    if unused:
+        walk.warn(f"images: {unused} belong to no pose")
+    return walk
+
+
+def _find_metadata(source: Path) -> Path:
+    if not source.is_dir():
+        return source
+    for name in _METADATA:
+        if (source / name).exists():
+            return source / name
+    raise FormatError(source, f"expected a file {' or '.join(_METADATA)}, found none")
+
+
+def _find_images(source: Path) -> dict[int, str]:
+    """Paths of the images, in the folder or in the zip, by the frame's number."""
+    if source.is_dir():
+        found = [
+            str(source / folder / name)
+            for folder in _IMAGE_FOLDERS
+            for name in list_image_names(source / folder)
+        ]
+    elif zipfile.is_zipfile(source):
+        with zipfile.ZipFile(source) as archive:
+            found = [
+                name
+                for name in archive.namelist()
+                if name.split("/")[0] in _IMAGE_FOLDERS and name.lower().endswith(IMAGE_SUFFIXES)
+            ]
+    else:
+        found = []
+    if not found:
+        raise FormatError(source, "expected images rgbd/0.jpg, rgbd/1.jpg and so on, found none")
+    found.sort(key=natural_key)
+    return {int(Path(name).stem): name for name in found if Path(name).stem.isdecimal()}
+
+
+def _read_images(source: Path, images: dict[int, str], count: int) -> Iterator[Image]:
+    if source.is_dir():
+        yield from (Path(images[row]) if row in images else None for row in range(count))
+        return
+    with zipfile.ZipFile(source) as archive:
+        for row in range(count):
+            try:
+                yield archive.read(images[row]) if row in images else None
+            except zipfile.BadZipFile:
+                yield b""  # damaged: reported as an empty image
+
+
+def _suffix(path: str | None) -> str:
+    return ".jpg" if path is None else Path(path).suffix.lower()
+
+
+def _read_intrinsics(path: Path, content: dict[str, Any], count: int) -> Intrinsics:
+    width, height = (
+        float(as_numbers(path, content[key], (), f'"{key}"', 1)) if key in content else np.nan
+        for key in ("w", "h")
+    )
+    per_frame = content.get("perFrameIntrinsicCoeffs")
+    if isinstance(per_frame, list) and len(per_frame) == count:
+        rows = [as_numbers(path, row, (4,), "intrinsics", n) for n, row in enumerate(per_frame, 1)]
+        return Intrinsics(width, height, *np.array(rows).T)
+    if "K" not in content:
+        return Intrinsics(width, height)
+    k = as_numbers(path, content["K"], (9,), '"K"', 1).reshape(3, 3)
+    # Written column by column, but some tools that rewrite the file do so row by row.
+    k = k.T if k[0, 2] == 0 and k[1, 2] == 0 else k
+    return Intrinsics(width, height, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+
+
+IMPORTER = Importer(
+    name="record3d",
+    title="Record3D (iPhone)",
+    layout="an .r3d file, or a folder with metadata and rgbd/",
+    read=read,
+    uses=frozenset({"rate_hz"}),
+)

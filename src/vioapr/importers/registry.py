@@ -1,0 +1,128 @@
+"""All importers, and importing a source into a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from vioapr.errors import ParameterError
+from vioapr.importers import (
+    advio,
+    cambridge,
+    images,
+    marvin,
+    nerfstudio,
+    record3d,
+    sevenscenes,
+    stray,
+)
+from vioapr.importers.base import Finding, Importer, ImportOptions, Place, Walk
+from vioapr.importers.diagnostics import judge
+from vioapr.importers.write import open_or_create, write_walk
+
+IMPORTERS: dict[str, Importer] = {
+    importer.name: importer
+    for importer in (
+        marvin.IMPORTER,
+        stray.IMPORTER,
+        record3d.IMPORTER,
+        advio.IMPORTER,
+        nerfstudio.IMPORTER,
+        sevenscenes.IMPORTER,
+        cambridge.IMPORTER,
+        images.IMPORTER,
+    )
+}
+
+_ALIASES = {"polycam": "nerfstudio", "instant-ngp": "nerfstudio", "sevenscenes": "7scenes"}
+
+Progress = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A recording that was imported.
+
+    Attributes:
+        folder: Where it is.
+        split: Its split, or None.
+        is_excluded: Whether it was kept out of the splits, as its tracker diverges.
+        findings: What was found out.
+    """
+
+    folder: Path
+    split: str | None
+    is_excluded: bool
+    findings: tuple[Finding, ...]
+
+
+def get_importer(name: str) -> Importer:
+    """The importer of a name, or of what else it goes by.
+
+    Raises:
+        ParameterError: There is none; the message lists them.
+    """
+    name = _ALIASES.get(name.lower(), name.lower())
+    if name not in IMPORTERS:
+        raise ParameterError(f"unknown source {name!r}: expected one of {', '.join(IMPORTERS)}")
+    return IMPORTERS[name]
+
+
+def import_source(
+    importer: Importer,
+    source: Path,
+    out: Path,
+    options: ImportOptions,
+    *,
+    place: Place | None = None,
+    link: bool = False,
+    progress: Progress,
+) -> Iterator[Imported]:
+    """Import all of a source's recordings, one after the other.
+
+    A source of several scenes makes a folder in `out` for each. Whatever fails, the recordings
+    before are whole and entered.
+
+    Args:
+        importer: Of the source's kind.
+        source: What to import.
+        out: The scene, made if needed.
+        options: What the user says of the source.
+        place: For a new scene, where the source does not say.
+        link: Hard-link images rather than copy them.
+        progress: From a title and a total, a context that yields a function to call with the
+            number of steps made.
+
+    Raises:
+        VioAprError: The source is not what it should be, or cannot be written.
+    """
+    _check_options(importer, options)
+    if not source.exists():
+        raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
+    scenes = importer.read(source, options)
+    for imported in scenes:
+        scene = None
+        for walk in imported.read():
+            if scene is None:
+                folder = out / imported.name if len(scenes) > 1 else out
+                scene = open_or_create(folder, imported, place)
+            judge(walk)
+            with progress(f"importing {walk.id}", len(walk)) as tick:
+                scene = write_walk(scene, walk, link=link, tick=tick)
+            folder = scene.recording_folder(walk.id)
+            yield _describe(folder, walk)
+
+
+def _describe(folder: Path, walk: Walk) -> Imported:
+    is_excluded = walk.info.is_diverging
+    split = None if is_excluded else walk.split
+    return Imported(folder, split, is_excluded, tuple(walk.findings))
+
+
+def _check_options(importer: Importer, options: ImportOptions) -> None:
+    for name in ("tracker", "poses", "gt", "rate_hz"):
+        if getattr(options, name) is not None and name not in importer.uses:
+            flag = "--" + name.replace("_", "-")
+            raise ParameterError(f"{flag} has no meaning for {importer.name}")

@@ -1,0 +1,156 @@
+"""Stray Scanner: `odometry.csv`, `camera_matrix.csv`, `imu.csv` and `rgb.mp4` of an iPhone.
+
+Instead of the video, a folder `rgb/` or `images/` of its frames is read too: by their numbers,
+which are those of the column `frame`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError
+from vioapr.files.text import read_text
+from vioapr.formats import stray
+from vioapr.formats.base import ReadOptions
+from vioapr.formats.headed import POSE_COLUMNS
+from vioapr.formats.table import Rows, parse_rows, read_headed_csv
+from vioapr.importers.base import (
+    Image,
+    ImportedScene,
+    Importer,
+    ImportOptions,
+    Walk,
+    id_of,
+    list_image_names,
+    one_walk,
+    require_folder,
+    tracking_of,
+)
+from vioapr.importers.device import imu_of_device
+from vioapr.importers.video import count_video_frames, read_video
+from vioapr.scene.frames import Intrinsics
+from vioapr.scene.info import RecordingInfo
+from vioapr.scene.sensors import Imu
+
+_ODOMETRY, _MATRIX, _IMU, _VIDEO = "odometry.csv", "camera_matrix.csv", "imu.csv", "rgb.mp4"
+_IMAGE_FOLDERS = ("rgb", "images", "color")
+
+
+def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
+    """A recording's folder.
+
+    Raises:
+        FormatError: It is none.
+    """
+    require_folder(source, f"a Stray Scanner folder with {_ODOMETRY}")
+    return one_walk(lambda: _read_walk(source, options))
+
+
+def _read_walk(source: Path, options: ImportOptions) -> Walk:
+    odometry = source / _ODOMETRY
+    vio = stray.read(odometry, ReadOptions())
+    numbers, intrinsics = _read_columns(source)
+    names, images, problem = _find_images(source, numbers)
+    walk = Walk(
+        id=options.id or id_of(source.resolve().name),
+        split=options.split_or("train"),
+        info=RecordingInfo(tracker="ARKit", source="Stray Scanner"),
+        source=source,
+        timestamp_s=vio.timestamp_s,
+        image_names=names,
+        images=images,
+        vio_from_cam=vio.target_from_source,
+        tracking=tracking_of(vio.target_from_source),
+        intrinsics=intrinsics,
+    )
+    if problem:
+        walk.warn(problem)
+    if (source / _IMU).exists():
+        walk.imu = _read_imu(source / _IMU, walk)
+    return walk
+
+
+def _read_columns(source: Path) -> tuple[NDArray[np.int64], Intrinsics]:
+    """Frame numbers, and intrinsics of every frame, or, in older files, of the last."""
+    odometry = source / _ODOMETRY
+    try:
+        rows = read_headed_csv(odometry, ("frame", "fx", "fy", "cx", "cy", *POSE_COLUMNS))
+        values = rows.numbers(slice(0, 5))
+        return _frame_numbers(rows), Intrinsics(np.nan, np.nan, *values[:, 1:].T)
+    except FormatError:
+        numbers = _frame_numbers(read_headed_csv(odometry, ("frame",)))
+    matrix = source / _MATRIX
+    if not matrix.exists():
+        return numbers, Intrinsics()
+    rows = parse_rows(matrix, read_text(matrix), range(3, 4), what="a 3x3 matrix", delimiter=",")
+    k = rows.numbers(slice(0, 3))
+    if k.shape != (3, 3):
+        raise FormatError(matrix, f"expected a 3x3 matrix, got {len(rows)} rows")
+    return numbers, Intrinsics(np.nan, np.nan, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+
+
+def _frame_numbers(rows: Rows) -> NDArray[np.int64]:
+    """The first column, whole numbers."""
+    for field, line in zip(rows.column(0), rows.lines, strict=True):
+        if not field.isdecimal() or len(field) > 15:
+            raise FormatError(rows.path, f"expected a frame number, got {field[:40]!r}", line)
+    return np.array([int(field) for field in rows.column(0)])
+
+
+def _find_images(
+    source: Path, numbers: NDArray[np.int64]
+) -> tuple[list[str], Iterator[Image], str | None]:
+    """Names and images of the frames, and what does not fit about them."""
+    for folder in _IMAGE_FOLDERS:
+        if found := list_image_names(source / folder):
+            stems = {name.rsplit(".", 1)[0]: name for name in found}
+            by_number = {int(stem): name for stem, name in stems.items() if stem.isdecimal()}
+            names = [by_number.get(int(number), "") for number in numbers]
+            unused = len(found) - sum(1 for name in names if name)
+            problem = f"images: {unused} in {folder}/ belong to no frame" if unused else None
+            images = (source / folder / name if name else None for name in names)
+            return names, images, problem
+    video = source / _VIDEO
+    if not video.exists():
+        raise FormatError(source, f"expected {_VIDEO}, or a folder rgb/ of its frames, found none")
+    count = count_video_frames(video)
+    problem = None
+    if count is not None and count != len(numbers):
+        problem = (
+            f"images: the video has {count} frames and the odometry {len(numbers)}: "
+            "they are paired in order"
+        )
+    names = [f"{number:06d}.jpg" for number in numbers.tolist()]
+    if count is not None:
+        names = [name if row < count else "" for row, name in enumerate(names)]
+    return names, _video_frames(video, len(numbers)), problem
+
+
+def _video_frames(video: Path, count: int) -> Iterator[Image]:
+    frames = read_video(video)
+    for _ in range(count):
+        yield next(frames, None)
+
+
+def _read_imu(path: Path, walk: Walk) -> Imu:
+    rows = read_headed_csv(
+        path, ("timestamp", "a_x", "a_y", "a_z", "alpha_x", "alpha_y", "alpha_z")
+    )
+    values = rows.numbers(slice(0, 7))
+    times = values[:, 0]
+    order = np.argsort(times, kind="stable")
+    if (np.diff(times) < 0).any():
+        walk.warn("imu.csv: rows are not in order of time, and were sorted")
+    return imu_of_device(walk, times[order], values[order, 1:4], values[order, 4:7])
+
+
+IMPORTER = Importer(
+    name="stray",
+    title="Stray Scanner (iPhone)",
+    layout="a folder with odometry.csv, camera_matrix.csv and rgb.mp4 or rgb/",
+    read=read,
+)

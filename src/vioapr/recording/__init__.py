@@ -1,1 +1,0 @@
-"""What a phone captured, and walks that are simulated."""

@@ -1,0 +1,1 @@
+"""Pages and figures: what people look at."""

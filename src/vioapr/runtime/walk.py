@@ -1,0 +1,210 @@
+"""Localizing a recorded walk with an exported file: where its frames come from, and the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError, ParameterError
+from vioapr.files.images import read_rgb
+from vioapr.fusion.offline import FusedWalk
+from vioapr.fusion.pairing import PairedFrames
+from vioapr.fusion.types import FrameInput
+from vioapr.geometry import rigid
+from vioapr.geometry.rigid import Rigid3
+from vioapr.importers.base import ImportOptions
+from vioapr.importers.images import IMPORTER as IMAGES
+from vioapr.runtime.localizer import Located, OnnxLocalizer
+from vioapr.scene.frames import Tracking
+from vioapr.scene.recording import IMAGES_FOLDER, Recording
+from vioapr.scene.scene import RECORDINGS_FOLDER, Scene
+from vioapr.trajectory import Trajectory, poses_of_frames
+
+
+@dataclass(frozen=True, eq=False)
+class WalkFrames:
+    """What a phone would feed the localizer, n frames.
+
+    Attributes:
+        name: Of the walk, for people.
+        timestamp_s: Shape (n,), increasing.
+        images: Paths; None for frames without.
+        vio_from_cam: Shape (n,); y-up tracking world, OpenCV camera; NaN where lost.
+        tracking_reset: Shape (n,), whether the tracking world is a new one.
+        gt: Ground truth, or None.
+    """
+
+    name: str
+    timestamp_s: NDArray[np.float64]
+    images: tuple[Path | None, ...]
+    vio_from_cam: Rigid3
+    tracking_reset: NDArray[np.bool_]
+    gt: Trajectory | None = None
+
+    def __len__(self) -> int:
+        return len(self.timestamp_s)
+
+    @property
+    def has_pose(self) -> NDArray[np.bool_]:
+        """Shape (n,), the frames with a tracker's pose."""
+        return np.isfinite(self.vio_from_cam.translation_m[:, 0])
+
+
+def frames_of_recording(folder: Path) -> WalkFrames:
+    """A recording's frames; ground truth is that of the scene that it lies in, if any.
+
+    Raises:
+        FormatError: It is none, or has no frames.
+    """
+    recording = Recording.open(folder)
+    frames = recording.frames
+    if not len(frames):
+        raise FormatError(folder, "expected frames, found none")
+    images = tuple(folder / IMAGES_FOLDER / name if name else None for name in frames.image)
+    resets = frames.tracking == Tracking.RESET
+    return WalkFrames(
+        recording.id, frames.timestamp_s, images, frames.vio_from_cam, resets, _gt_in_scene(folder)
+    )
+
+
+def _gt_in_scene(folder: Path) -> Trajectory | None:
+    real = folder.resolve()
+    if real.parent.name != RECORDINGS_FOLDER or not (real.parents[1] / "scene.toml").exists():
+        return None
+    return Scene.open(real.parents[1]).gt(real.name)
+
+
+def frames_of_images(pattern: str, vio: Path) -> WalkFrames:
+    """Images of one folder with a trajectory file of the tracker's poses.
+
+    Poses belong to images by name, else by timestamps in the images' names, else in order.
+
+    Args:
+        pattern: Of the images' paths, with wildcards.
+        vio: vio_from_cam, of any format that is read.
+
+    Raises:
+        FormatError: No images, or none with a pose.
+        ParameterError: They lie in several folders.
+    """
+    start = Path(pattern).anchor
+    paths = sorted(Path(start).glob(str(Path(pattern).relative_to(start))))
+    folders = {path.parent for path in paths}
+    if not paths:
+        raise FormatError(pattern, "expected images, found no file that fits this pattern")
+    if len(folders) > 1:
+        raise ParameterError(f"--images: expected images of one folder, got {len(folders)} folders")
+    (walk,) = (
+        walk
+        for scene in IMAGES.read(folders.pop(), ImportOptions(poses=vio, id="walk"))
+        for walk in scene.read()
+    )
+    chosen = {path.name for path in paths}
+    sources = [Path(str(image)) for image in walk.images]
+    rows = np.array([k for k, path in enumerate(sources) if path.name in chosen], dtype=np.intp)
+    if not len(rows):
+        raise FormatError(pattern, "expected images (.jpg, .png), found other files only")
+    return WalkFrames(
+        paths[0].parent.resolve().name,
+        walk.timestamp_s[rows],
+        tuple(sources[row] for row in rows),
+        walk.vio_from_cam.at(rows),
+        np.zeros(len(rows), dtype=bool),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LocalizedWalk:
+    """The answers.
+
+    Attributes:
+        frames: What was fed.
+        located: One a frame.
+    """
+
+    frames: WalkFrames
+    located: tuple[Located, ...]
+
+    @property
+    def fused(self) -> FusedWalk:
+        """As every fusion method's result, as known when each frame arrived."""
+        first = self.located[0]
+        sigmas = (
+            None if getattr(first, name) is None else self._column(name)
+            for name in ("sigma_position_m", "sigma_orientation_deg")
+        )
+        return FusedWalk(
+            self.frames.timestamp_s,
+            rigid.stack([one.world_from_cam for one in self.located]),
+            np.array([int(one.status) for one in self.located]),
+            *sigmas,
+        )
+
+    @property
+    def paired(self) -> PairedFrames:
+        """The regressor's answers and the tracker's poses, to be fused by other methods."""
+        frames = self.frames
+        apr = rigid.stack([one.apr_world_from_cam for one in self.located])
+        sigma_m, sigma_deg = map(
+            self._column, ("apr_sigma_position_m", "apr_sigma_orientation_deg")
+        )
+        has_apr = np.isfinite(apr.translation_m[:, 0])
+        return PairedFrames(
+            FrameInput(
+                frames.timestamp_s,
+                _known(apr, has_apr),
+                has_apr,
+                _known(frames.vio_from_cam, frames.has_pose),
+                frames.has_pose,
+                frames.tracking_reset,
+                sigma_m,
+                np.deg2rad(sigma_deg),
+            )
+        )
+
+    def gt_world_from_cam(self, gt: Trajectory) -> Rigid3:
+        """Ground truth of every frame, NaN where it has none."""
+        return poses_of_frames(gt, self.frames.timestamp_s)
+
+    def _column(self, name: str) -> NDArray[np.float64]:
+        return np.array([getattr(one, name) for one in self.located])
+
+
+def _known(poses: Rigid3, is_known: NDArray[np.bool_]) -> Rigid3:
+    """The identity where there is no pose."""
+    return rigid.choose(is_known, poses, Rigid3.identity(is_known.shape))
+
+
+def localize(
+    localizer: OnnxLocalizer,
+    frames: WalkFrames,
+    tick: Callable[[Located], object] | None = None,
+) -> LocalizedWalk:
+    """Feed a walk's frames as they would arrive.
+
+    Raises:
+        FormatError: An image cannot be read.
+    """
+    return LocalizedWalk(frames, tuple(_answers(localizer, frames, tick)))
+
+
+def _answers(
+    localizer: OnnxLocalizer,
+    frames: WalkFrames,
+    tick: Callable[[Located], object] | None,
+) -> Iterator[Located]:
+    has_pose = frames.has_pose
+    for row, path in enumerate(frames.images):
+        located = localizer.update(
+            float(frames.timestamp_s[row]),
+            None if path is None else read_rgb(path),
+            frames.vio_from_cam.at(row) if has_pose[row] else None,
+            tracking_reset=bool(frames.tracking_reset[row]),
+        )
+        if tick is not None:
+            tick(located)
+        yield located

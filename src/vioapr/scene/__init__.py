@@ -1,0 +1,1 @@
+"""Scenes and recordings on disk: what a phone captured of a place, checked and summarized."""

@@ -1,0 +1,308 @@
+"""Verifying a scene: every file, every line, every image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError
+from vioapr.files.append_table import Problem
+from vioapr.files.images import IMAGE_SUFFIXES, decode_problem, probe_image
+from vioapr.formats.registry import read_trajectory
+from vioapr.scene.divergence import find_divergence
+from vioapr.scene.frames import Frames, Tracking, read_frame_blocks
+from vioapr.scene.info import RecordingInfo, read_info
+from vioapr.scene.recording import (
+    FRAMES_FILE,
+    GNSS_FILE,
+    HEADING_FILE,
+    IMAGES_FOLDER,
+    IMU_FILE,
+    INFO_FILE,
+)
+from vioapr.scene.scene import GT_FOLDER, RECORDINGS_FOLDER, SCENE_FILE, SPLITS, Scene
+from vioapr.scene.sensors import read_gnss, read_heading, read_imu
+from vioapr.trajectory import DEFAULT_TOLERANCE_S, nearest_rows
+
+_SENSORS = {IMU_FILE: read_imu, GNSS_FILE: read_gnss, HEADING_FILE: read_heading}
+_MAX_NAMED = 3
+
+
+@dataclass
+class Report:
+    """What a check found.
+
+    Attributes:
+        problems: Everything that is wrong, and, with `is_error` false, worth knowing.
+        recordings: How many were looked at.
+        frames: How many frames, of all recordings.
+        images: How many images were looked at.
+    """
+
+    problems: list[Problem] = field(default_factory=list)
+    recordings: int = 0
+    frames: int = 0
+    images: int = 0
+
+    @property
+    def errors(self) -> list[Problem]:
+        """Only what is wrong."""
+        return [problem for problem in self.problems if problem.is_error]
+
+    def error(self, path: Path, text: str, line: int | None = None) -> None:
+        """Add something that is wrong."""
+        self.problems.append(Problem(path, line, text))
+
+    def note(self, path: Path, text: str, line: int | None = None) -> None:
+        """Add something worth knowing."""
+        self.problems.append(Problem(path, line, text, is_error=False))
+
+
+@dataclass
+class _Walked:
+    """What is kept of a recording's frames while they pass by: no images, no quaternions."""
+
+    names: dict[str, int] = field(default_factory=dict)
+    times: list[NDArray[np.float64]] = field(default_factory=list)
+    positions: list[NDArray[np.float64]] = field(default_factory=list)
+    frames: int = 0
+    lost: int = 0
+
+
+def count_frames(folder: Path) -> int:
+    """About how many frames a scene has, by the lines of its tables; for progress."""
+    total = 0
+    for path in (folder / RECORDINGS_FOLDER).glob(f"*/{FRAMES_FILE}"):
+        with path.open("rb") as file:
+            total += sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
+    return total
+
+
+def check_scene(
+    folder: Path, *, decode: bool = False, tick: Callable[[int], object] | None = None
+) -> Report:
+    """Verify all files of a scene.
+
+    Images are judged by their head and end, unless they are decoded whole: a hundred times
+    slower, and finds damage in the middle.
+
+    Args:
+        folder: The scene.
+        decode: Decode every image.
+        tick: Called with a number of frames after every so many, for progress.
+
+    Raises:
+        FormatError: There is no scene, or its `scene.toml` is broken.
+    """
+    scene = Scene.open(folder)
+    report = Report()
+    _check_splits(scene, report)
+    for id_ in scene.recording_ids:
+        _check_recording(scene, id_, report, decode, tick or (lambda _: None))
+    _check_empty_splits(scene, report)
+    _check_leftovers(scene, report)
+    _check_map(scene, report)
+    return report
+
+
+def _check_splits(scene: Scene, report: Report) -> None:
+    path = scene.folder / SCENE_FILE
+    present = set(scene.recording_ids)
+    if not present:
+        report.error(scene.folder / RECORDINGS_FOLDER, "expected recordings, found none")
+    for split in SPLITS:
+        ids = list(scene.splits.get(split, ()))
+        for id_ in sorted({id_ for id_ in ids if ids.count(id_) > 1}):
+            report.error(path, f"the recording {id_!r} is in splits.{split} twice")
+        for id_ in dict.fromkeys(ids):
+            if id_ not in present:
+                report.error(path, f"splits.{split} names the recording {id_!r}, which is missing")
+    both = set(scene.splits.get("train", ())) & set(scene.splits.get("test", ()))
+    for id_ in sorted(both):
+        report.error(path, f"the recording {id_!r} is in both train and test")
+    used = {id_ for ids in scene.splits.values() for id_ in ids}
+    for id_ in sorted(set(scene.excluded) & used):
+        report.error(path, f"the recording {id_!r} is excluded, and in a split")
+    for id_ in sorted(present - used):
+        why = scene.excluded.get(id_)
+        text = f"excluded: {why}" if why else "it is in no split"
+        report.note(scene.folder / RECORDINGS_FOLDER / id_, text)
+
+
+def _check_empty_splits(scene: Scene, report: Report) -> None:
+    """Poses alone are neither mapped nor learned from, and need no split for training."""
+    for split in SPLITS:
+        if not scene.splits.get(split):
+            text = f"the split {split} is empty: list recordings in splits.{split}"
+            is_error = report.images > 0 or not any(scene.splits.values())
+            report.problems.append(Problem(scene.folder / SCENE_FILE, None, text, is_error))
+
+
+def _check_recording(
+    scene: Scene, id_: str, report: Report, decode: bool, tick: Callable[[int], object]
+) -> None:
+    folder = scene.folder / RECORDINGS_FOLDER / id_
+    report.recordings += 1
+    info = _check_info(folder, report)
+    walked = _Walked()
+    with _collecting(report):
+        for block in read_frame_blocks(folder / FRAMES_FILE, report.problems):
+            _check_frames(folder, block, walked, report, decode, tick)
+    report.frames += walked.frames
+    _check_whole(scene, id_, folder, info, walked, report)
+    _check_orphans(folder, walked, report)
+    for name, read in _SENSORS.items():
+        if (folder / name).exists():
+            with _collecting(report):
+                read(folder / name, report.problems)
+    _check_gt(scene, id_, walked, report)
+
+
+@contextmanager
+def _collecting(report: Report) -> Iterator[None]:
+    """Turns a file that cannot be read at all into a problem."""
+    try:
+        yield
+    except FormatError as error:
+        report.error(Path(error.path), error.problem, error.line)
+
+
+def _check_info(folder: Path, report: Report) -> RecordingInfo:
+    with _collecting(report):
+        return read_info(folder / INFO_FILE)
+    return RecordingInfo()
+
+
+def _check_frames(
+    folder: Path,
+    block: Frames,
+    walked: _Walked,
+    report: Report,
+    decode: bool,
+    tick: Callable[[int], object],
+) -> None:
+    table, images = folder / FRAMES_FILE, folder / IMAGES_FOLDER
+    is_lost = block.tracking == Tracking.LOST
+    walked.frames += len(block)
+    walked.lost += int(is_lost.sum())
+    walked.times.append(block.timestamp_s)
+    walked.positions.append(block.vio_from_cam.translation_m)
+    sizes = np.stack([block.intrinsics.width, block.intrinsics.height], axis=1)
+    sizes, lines = sizes.tolist(), block.lines.tolist()
+    for row, name in enumerate(block.image):
+        if not name:
+            continue
+        line = lines[row]
+        if name in walked.names:
+            report.error(table, f"the image {name} is line {walked.names[name]}'s already", line)
+            continue
+        walked.names[name] = line
+        path = f"{images}/{name}"
+        _check_image(path, name, sizes[row], report, decode, table, line)
+    tick(len(block))
+
+
+def _check_image(
+    path: str,
+    name: str,
+    size: list[float],
+    report: Report,
+    decode: bool,
+    table: Path,
+    line: int,
+) -> None:
+    report.images += 1
+    probe = probe_image(path)
+    problem = probe.problem or (decode_problem(Path(path)) if decode else None)
+    if problem:
+        report.error(table, f"{IMAGES_FOLDER}/{name}: {problem}", line)
+    elif size[0] == size[0] and (probe.width, probe.height) != (size[0], size[1]):
+        text = f"{size[0]:.0f}x{size[1]:.0f} pixels, but the image has {probe.width}x{probe.height}"
+        report.error(table, f"{IMAGES_FOLDER}/{name}: the line says {text}", line)
+
+
+def _check_whole(
+    scene: Scene, id_: str, folder: Path, info: RecordingInfo, walked: _Walked, report: Report
+) -> None:
+    """What only shows when all frames have passed."""
+    table = folder / FRAMES_FILE
+    if not walked.frames:
+        if table.exists():
+            report.error(table, "expected frames, found none that can be used")
+        return
+    if info.has_images and not walked.names:
+        report.error(table, "expected images, but no frame has one")
+    elif info.has_images and len(walked.names) < walked.frames:
+        report.note(table, f"{walked.frames - len(walked.names)} frames have no image")
+    if walked.lost == walked.frames and info.tracker:
+        report.error(table, "tracking was lost throughout: no frame has a pose")
+    is_used = any(id_ in ids for ids in scene.splits.values())
+    if is_used and (info.is_diverging or _is_diverging(walked)) and info.clock == "device":
+        text = f"the tracker is diverging, and {id_!r} is in a split: exclude it in {SCENE_FILE}"
+        report.error(table, text)
+
+
+def _is_diverging(walked: _Walked) -> bool:
+    times, positions = np.concatenate(walked.times), np.concatenate(walked.positions)
+    known = np.isfinite(positions[:, 0])
+    return find_divergence(times[known], positions[known]) is not None
+
+
+def _check_orphans(folder: Path, walked: _Walked, report: Report) -> None:
+    images = folder / IMAGES_FOLDER
+    if not images.is_dir():
+        return
+    found = (path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    orphans = sorted(name for name in found if name not in walked.names)
+    if orphans:
+        named = ", ".join(orphans[:_MAX_NAMED]) + (", ..." if len(orphans) > _MAX_NAMED else "")
+        report.note(images, f"{len(orphans)} images belong to no frame: {named}")
+
+
+def _check_gt(scene: Scene, id_: str, walked: _Walked, report: Report) -> None:
+    """Ground truth is of the frames, by their timestamps."""
+    path = scene.gt_path(id_)
+    if not path.exists() or not walked.frames:
+        return
+    with _collecting(report):
+        gt = scene.gt(id_)
+        assert gt is not None
+        times = np.concatenate(walked.times)
+        nearest = times[nearest_rows(gt.timestamp_s, times)]
+        strange = np.abs(gt.timestamp_s - nearest) > DEFAULT_TOLERANCE_S
+        if strange.any():
+            first = gt.timestamp_s[np.argmax(strange)]
+            text = f"{strange.sum()} of {len(gt)} poses are of no frame, the first at {first:.6f} s"
+            report.error(path, text)
+
+
+def _check_leftovers(scene: Scene, report: Report) -> None:
+    present = set(scene.recording_ids)
+    for path in _hidden(scene.folder / RECORDINGS_FOLDER):
+        report.note(path, "left by an import that was interrupted; it may be deleted")
+    for path in sorted((scene.folder / GT_FOLDER).glob("*.tum")):
+        if path.name[0] != "." and path.stem not in present:
+            report.error(path, "ground truth of a recording that is missing")
+
+
+def _hidden(folder: Path) -> Iterator[Path]:
+    if folder.is_dir():
+        yield from sorted(path for path in folder.iterdir() if path.name.endswith(".partial"))
+
+
+def _check_map(scene: Scene, report: Report) -> None:
+    """A map, where there is one, is a COLMAP model of images that are there."""
+    if not any((scene.map_folder / f"images.{ending}").exists() for ending in ("bin", "txt")):
+        return
+    with _collecting(report):
+        names = read_trajectory(scene.map_folder).names or ()
+        folder = scene.folder / RECORDINGS_FOLDER
+        missing = [name for name in names if not (folder / name).exists()]
+        if missing:
+            text = f"{len(missing)} of {len(names)} images are not in {folder.name}/: {missing[0]}"
+            report.error(scene.map_folder, text)

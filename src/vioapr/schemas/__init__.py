@@ -1,0 +1,1 @@
+"""Typed records of every JSON and TOML file that crosses a border."""

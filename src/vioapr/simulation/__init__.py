@@ -1,0 +1,1 @@
+"""Walks that nobody took: simulated trackers and regressors, and a rendered courtyard."""

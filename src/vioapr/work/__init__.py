@@ -1,0 +1,1 @@
+"""Long work: steps that resume, child processes, progress."""

@@ -1,0 +1,76 @@
+"""A few bytes tell an image's size, and whether it is whole."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from tests.scene.scenes import jpeg
+
+from vioapr.files.images import decode_problem, probe_bytes, probe_image
+
+
+def encode(width, height, **options):
+    buffer = io.BytesIO()
+    pixels = np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(buffer, **options)
+    return buffer.getvalue()
+
+
+def exif(size):
+    """Metadata of so many bytes, as a thumbnail would be."""
+    data = Image.Exif()
+    data[0x010E] = "x" * size
+    return data
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        encode(200, 120, format="jpeg"),
+        encode(200, 120, format="jpeg", progressive=True),
+        encode(200, 120, format="jpeg", exif=exif(60_000)),
+        encode(200, 120, format="jpeg") + b"\0\0\0\0",
+        encode(200, 120, format="png"),
+    ],
+    ids=["jpeg", "progressive", "thumbnail", "padded", "png"],
+)
+def test_size_of_whole_images(content, tmp_path):
+    path = tmp_path / "image"
+    path.write_bytes(content)
+    assert probe_image(path) == (200, 120, None)
+    assert probe_bytes(content) == (200, 120, None)
+    assert decode_problem(path) is None
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"", "an empty file"),
+        (b"hello", "got something else"),
+        (jpeg()[:20], "is it truncated"),
+        (encode(200, 120, format="jpeg")[:-1], "truncated: the image's end is missing"),
+        (encode(200, 120, format="jpeg")[:6000], "truncated: the image's end is missing"),
+        (encode(200, 120, format="png")[:-5], "truncated: the image's end is missing"),
+        (encode(200, 120, format="png")[:12], "is it truncated"),
+    ],
+)
+def test_what_crashes_leave(content, problem, tmp_path):
+    path = tmp_path / "image"
+    path.write_bytes(content)
+    assert problem in probe_image(path).problem
+    assert problem in probe_bytes(content).problem
+
+
+def test_missing_and_unreadable_files(tmp_path):
+    assert "found no file" in probe_image(tmp_path / "none.jpg").problem
+    assert "cannot be read: Is a directory" in probe_image(tmp_path).problem
+
+
+def test_damage_within_an_image_shows_when_it_is_decoded(tmp_path):
+    content = bytearray(encode(200, 120, format="png"))
+    content[3000:3100] = bytes(100)
+    path = tmp_path / "image.png"
+    path.write_bytes(content)
+    assert probe_image(path).problem is None
+    assert "cannot be decoded" in decode_problem(path)

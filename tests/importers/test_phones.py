@@ -1,0 +1,228 @@
+"""Stray Scanner and Record3D: poses, images, intrinsics and sensors of an iPhone."""
+
+import json
+import shutil
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+from tests.importers.sources import (
+    COUNT,
+    device_imu,
+    make_record3d,
+    make_stray,
+    read_walks,
+    texts,
+    walk,
+)
+from tests.scene.scenes import jpeg
+
+from vioapr.errors import FormatError, MissingExtraError
+from vioapr.formats.table import format_rows
+from vioapr.importers.record3d import IMPORTER as RECORD3D
+from vioapr.importers.stray import IMPORTER as STRAY
+
+
+@pytest.fixture
+def stray_folder(tmp_path):
+    return make_stray(tmp_path / "8653a2142b")
+
+
+def write_imu(folder, unit=1.0):
+    vio = walk()
+    rows = np.column_stack([vio.timestamp_s, unit * device_imu(vio), np.full((COUNT, 3), 0.1)])
+    header = "timestamp, a_x, a_y, a_z, alpha_x, alpha_y, alpha_z\n"
+    (folder / "imu.csv").write_text(header + format_rows(rows.tolist(), ", "))
+
+
+def test_stray(stray_folder):
+    (found,) = read_walks(STRAY, stray_folder)
+    assert found.id == "8653a2142b"
+    assert found.split == "train"
+    assert found.info.tracker == "ARKit"
+    np.testing.assert_allclose(found.vio_from_cam.translation_m, walk().position_m)
+    np.testing.assert_allclose(found.vio_from_cam.quat_xyzw, walk().quat_xyzw)
+    assert found.image_names[3] == "000003.jpg"
+    assert list(found.images)[3] == stray_folder / "rgb/000003.jpg"
+    assert found.intrinsics[2:] == (20, 21, 8, 6)
+    assert "20 frames: 20 with image, 20 with tracker's pose" in texts(found, warnings=False)
+    assert "the tracker's +y is up" in texts(found, warnings=False)
+    assert not texts(found, warnings=True)
+
+
+@pytest.mark.parametrize(("unit", "title"), [(1.0, "in g"), (9.80665, "in m/s^2")])
+def test_stray_accelerometer_points_up(unit, title, stray_folder):
+    write_imu(stray_folder, unit)
+    (found,) = read_walks(STRAY, stray_folder)
+    notes = texts(found, warnings=False)
+    assert f"accelerometer: {title}" in notes
+    assert "accelerometer: agrees with the tracker's up to 0.0 deg" in notes
+    np.testing.assert_allclose(np.linalg.norm(found.imu.accel_m_s2, axis=1), 9.80665)
+    # Device x is the camera's -y: 0.1 rad/s about every device axis is -0.1 about the camera's.
+    np.testing.assert_allclose(found.imu.gyro_rad_s, -0.1)
+
+
+def test_stray_accelerometer_of_another_axis_order_is_reported(stray_folder):
+    write_imu(stray_folder, -1.0)
+    (found,) = read_walks(STRAY, stray_folder)
+    assert "its up is 180 deg off the tracker's" in texts(found, warnings=True)
+
+
+def test_stray_accelerometer_without_gravity_is_left_out(stray_folder):
+    write_imu(stray_folder, 0.01)
+    (found,) = read_walks(STRAY, stray_folder)
+    assert "neither 1 g nor 9.81 m/s^2" in texts(found, warnings=True)
+    assert np.isnan(found.imu.accel_m_s2).all()
+
+
+def test_stray_intrinsics_of_every_frame(stray_folder):
+    path = stray_folder / "odometry.csv"
+    header, *rows = path.read_text().splitlines()
+    rows = [f"{row}, {20 + k}, {21 + k}, 8, 6" for k, row in enumerate(rows)]
+    path.write_text("\n".join([f"{header}, fx, fy, cx, cy", *rows]) + "\n")
+    (found,) = read_walks(STRAY, stray_folder)
+    assert found.intrinsics.fx.tolist() == list(range(20, 20 + COUNT))
+
+
+def test_stray_missing_image(stray_folder):
+    (stray_folder / "rgb/000004.jpg").unlink()
+    (found,) = read_walks(STRAY, stray_folder)
+    assert found.image_names[4] == ""
+    assert "images: 1 frames have none, the first is frame 5" in texts(found, warnings=True)
+
+
+def test_stray_images_of_no_frame(stray_folder):
+    (stray_folder / "rgb/000099.jpg").write_bytes(jpeg())
+    (found,) = read_walks(STRAY, stray_folder)
+    assert "images: 1 in rgb/ belong to no frame" in texts(found, warnings=True)
+
+
+def test_stray_without_pictures(stray_folder):
+    shutil.rmtree(stray_folder / "rgb")
+    with pytest.raises(FormatError, match=r"expected rgb.mp4, or a folder rgb/"):
+        read_walks(STRAY, stray_folder)
+
+
+def test_stray_broken_matrix(stray_folder):
+    (stray_folder / "camera_matrix.csv").write_text("1, 2, 3\n4, 5, 6\n")
+    with pytest.raises(FormatError, match=r"camera_matrix.csv: expected a 3x3 matrix, got 2 rows"):
+        read_walks(STRAY, stray_folder)
+
+
+def test_stray_broken_frame_number(stray_folder):
+    path = stray_folder / "odometry.csv"
+    path.write_text(path.read_text().replace(", 000003,", ", nan,"))
+    with pytest.raises(FormatError, match=r"odometry.csv:5: expected a frame number, got 'nan'"):
+        read_walks(STRAY, stray_folder)
+
+
+def test_no_stray_folder(tmp_path):
+    with pytest.raises(FormatError, match=r"odometry.csv: expected a file, found none"):
+        read_walks(STRAY, tmp_path)
+
+
+def write_video(path, count):
+    av = pytest.importorskip("av", reason="PyAV is not installed (extra video)")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for k in range(count):
+            pixels = np.full((48, 64, 3), 10 * k, dtype=np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+        container.mux(stream.encode())
+
+
+@pytest.mark.parametrize("frames", [COUNT, COUNT - 5])
+def test_stray_video(frames, stray_folder):
+    shutil.rmtree(stray_folder / "rgb")
+    write_video(stray_folder / "rgb.mp4", frames)
+    (found,) = read_walks(STRAY, stray_folder)
+    images = list(found.images)
+    assert len(images) == COUNT
+    assert images[3].shape == (48, 64, 3)
+    # Frame k was painted 10 k.
+    assert [round(float(image.mean()) / 10) for image in images[:10]] == list(range(10))
+    expected = f"the video has {frames} frames and the odometry 20"
+    assert (expected in texts(found, warnings=True)) == (frames != COUNT)
+    assert [bool(name) for name in found.image_names].count(True) == frames
+
+
+def test_stray_broken_video(stray_folder):
+    pytest.importorskip("av", reason="PyAV is not installed (extra video)")
+    shutil.rmtree(stray_folder / "rgb")
+    (stray_folder / "rgb.mp4").write_bytes(b"no video")
+    with pytest.raises(FormatError, match=r"rgb.mp4: cannot be read as a video"):
+        read_walks(STRAY, stray_folder)
+
+
+def test_without_pyav_a_video_says_what_to_install(stray_folder, monkeypatch):
+    shutil.rmtree(stray_folder / "rgb")
+    (stray_folder / "rgb.mp4").write_bytes(b"a video")
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'vioapr\[video\]'"):
+        read_walks(STRAY, stray_folder)
+
+
+@pytest.fixture
+def record3d_folder(tmp_path):
+    return make_record3d(tmp_path / "capture")
+
+
+@pytest.mark.parametrize("is_zip", [False, True])
+def test_record3d(is_zip, record3d_folder, tmp_path):
+    source = record3d_folder
+    if is_zip:
+        source = tmp_path / "capture.r3d"
+        with zipfile.ZipFile(source, "w") as archive:
+            for path in record3d_folder.rglob("*"):
+                archive.write(path, path.relative_to(record3d_folder))
+    (found,) = read_walks(RECORD3D, source)
+    assert found.id == "capture"
+    np.testing.assert_allclose(found.vio_from_cam.translation_m, walk().position_m)
+    np.testing.assert_allclose(found.timestamp_s, walk().timestamp_s)
+    assert found.image_names[12] == "000012.jpg"
+    images = list(found.images)
+    content = images[12] if is_zip else images[12].read_bytes()
+    assert content == jpeg(shade=12)
+    assert found.intrinsics == (16, 12, 20, 21, 8, 6)
+    assert not texts(found, warnings=True)
+
+
+def change_metadata(folder, **changes):
+    path = folder / "metadata"
+    content = {**json.loads(path.read_text()), **changes}
+    path.write_text(json.dumps({key: value for key, value in content.items() if value is not None}))
+
+
+def test_record3d_matrix_by_rows(record3d_folder):
+    change_metadata(record3d_folder, K=[20, 0, 8, 0, 21, 6, 0, 0, 1])
+    (found,) = read_walks(RECORD3D, record3d_folder)
+    assert found.intrinsics == (16, 12, 20, 21, 8, 6)
+
+
+def test_record3d_intrinsics_of_every_frame(record3d_folder):
+    change_metadata(
+        record3d_folder, perFrameIntrinsicCoeffs=[[20 + k, 21, 8, 6] for k in range(COUNT)]
+    )
+    (found,) = read_walks(RECORD3D, record3d_folder)
+    assert found.intrinsics.fx.tolist() == list(range(20, 20 + COUNT))
+
+
+def test_record3d_without_clock(record3d_folder):
+    change_metadata(record3d_folder, frameTimestamps=None, fps=5)
+    (found,) = read_walks(RECORD3D, record3d_folder)
+    assert found.timestamp_s[:3].tolist() == [0, 0.2, 0.4]
+    assert found.info.clock == "frame-rate"
+    assert "no timestamps" in texts(found, warnings=True)
+
+
+def test_record3d_without_images(record3d_folder):
+    shutil.rmtree(record3d_folder / "rgbd")
+    with pytest.raises(FormatError, match=r"expected images rgbd/0.jpg"):
+        read_walks(RECORD3D, record3d_folder)
+
+
+def test_record3d_without_metadata(tmp_path):
+    with pytest.raises(FormatError, match=r"expected a file metadata or metadata.json"):
+        read_walks(RECORD3D, tmp_path)

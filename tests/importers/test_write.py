@@ -1,0 +1,236 @@
+"""Imported walks are written whole or not at all; broken images cost their frames the image."""
+
+import errno
+import os
+
+import numpy as np
+import pytest
+from tests.importers.sources import COUNT, make_images, make_stray, read_walks, texts
+from tests.scene.scenes import jpeg, make_scene
+
+from vioapr.errors import FormatError, ParameterError
+from vioapr.importers.base import ImportedScene, Walk, flat_names, id_of
+from vioapr.importers.diagnostics import judge
+from vioapr.importers.images import IMPORTER as IMAGES
+from vioapr.importers.stray import IMPORTER as STRAY
+from vioapr.importers.write import open_or_create, write_walk
+from vioapr.scene.check import check_scene
+from vioapr.scene.scene import Scene, World
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return make_scene(tmp_path / "scene", 4)
+
+
+def snapshot(scene):
+    files = sorted(path for path in scene.folder.rglob("*") if path.is_file())
+    return {str(path): path.read_bytes() for path in files}
+
+
+def import_stray(scene, source, **options):
+    (walk,) = read_walks(STRAY, source, **options)
+    return walk, lambda: write_walk(scene, walk)
+
+
+def test_a_walk_is_written_and_entered(scene, tmp_path):
+    walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    again = Scene.open(write().folder)
+    assert again.splits["train"] == ("walk-1", "scan")
+    frames = again.recording("scan").frames
+    assert len(frames) == COUNT
+    np.testing.assert_array_equal(frames.vio_from_cam.quat_xyzw, walk.vio_from_cam.quat_xyzw)
+    # The size is the images' own.
+    assert (frames.intrinsics.width == 16).all()
+    assert again.recording("scan").info.notes == tuple(f.text for f in walk.findings)
+    assert not check_scene(scene.folder).errors
+
+
+def test_ground_truth_is_written(scene, tmp_path):
+    source = make_images(tmp_path / "s")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    scene = write_walk(scene, walk)
+    np.testing.assert_array_equal(scene.gt("images").position_m, walk.gt.position_m)
+
+
+def test_an_existing_recording_is_never_overwritten(scene, tmp_path):
+    _, write = import_stray(scene, make_stray(tmp_path / "scan"), id="walk-1")
+    before = snapshot(scene)
+    with pytest.raises(FormatError, match=r"walk-1: a recording of this id exists"):
+        write()
+    assert snapshot(scene) == before
+
+
+def test_broken_images_cost_their_frames_the_image(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "rgb/000002.jpg").write_bytes(jpeg()[:-3])
+    (source / "rgb/000005.jpg").write_bytes(b"")
+    walk, write = import_stray(scene, source)
+    (source / "rgb/000007.jpg").unlink()
+    frames = write().recording("scan").frames
+    assert len(frames) == COUNT
+    assert np.flatnonzero(~frames.has_image).tolist() == [2, 5, 7]
+    assert frames.has_pose.all()
+    warning = texts(walk, warnings=True)
+    assert "images: 3 are missing or broken" in warning
+    assert "000002.jpg: truncated" in warning
+    assert "000007.jpg: no file of this name" in warning
+
+
+def test_no_image_can_be_used(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    for path in (source / "rgb").iterdir():
+        path.write_bytes(b"x")
+    _, write = import_stray(scene, source)
+    before = snapshot(scene)
+    with pytest.raises(FormatError, match="none of 20 images can be used: 000000.jpg: expected"):
+        write()
+    assert snapshot(scene) == before
+
+
+def test_intrinsics_of_another_size_are_reported(scene, tmp_path):
+    walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    walk.intrinsics = walk.intrinsics._replace(width=640, height=480)
+    write()
+    warning = texts(walk, warnings=True)
+    assert "they are of images of 640x480, and the images are 16x12" in warning
+
+
+def test_intrinsics_that_cannot_be_are_left_out(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "camera_matrix.csv").write_text("0, 0, 8\n0, 21, 6\n0, 0, 1")
+    walk, write = import_stray(scene, source)
+    frames = write().recording("scan").frames
+    assert np.isnan(frames.intrinsics.fx).all()
+    assert (frames.intrinsics.width == 16).all()
+    assert "intrinsics: those of 20 frames are left out" in texts(walk, warnings=True)
+
+
+def test_a_diverging_tracker_is_left_out_of_the_splits(scene, tmp_path):
+    (walk,) = read_walks(STRAY, make_stray(tmp_path / "scan", 200))
+    walk.vio_from_cam.translation_m[:] *= 30
+    walk.findings.clear()
+    judge(walk)
+    assert "the tracker is diverging" in texts(walk, warnings=True)
+    scene = write_walk(scene, walk)
+    assert scene.splits["train"] == ("walk-1",)
+    assert scene.excluded == {"scan": "the tracker is diverging"}
+
+
+@pytest.mark.parametrize("bytes_left", [0, 300, 5000])
+def test_a_full_disk_leaves_the_scene_as_it_was(bytes_left, scene, tmp_path, monkeypatch):
+    _, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    before = snapshot(scene)
+    real, left = os.write, [bytes_left]
+
+    def full(file, content):
+        if left[0] <= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken = real(file, bytes(content)[: left[0]])
+        left[0] -= taken
+        return taken
+
+    monkeypatch.setattr("vioapr.files.append_table.os.write", full)
+    with pytest.raises(FormatError, match="cannot be written: No space left on device"):
+        write()
+    monkeypatch.undo()
+    assert snapshot(scene) == before
+    assert scene.recording_ids == ["walk-1", "walk-2"]
+
+
+def test_a_full_disk_at_the_very_end(scene, tmp_path, monkeypatch):
+    source = make_images(tmp_path / "s")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    before = snapshot(scene)
+
+    def fail(path, text):
+        raise FormatError(path, "cannot be written: No space left on device")
+
+    monkeypatch.setattr("vioapr.scene.scene.write_text", fail)
+    with pytest.raises(FormatError, match="No space left on device"):
+        write_walk(scene, walk)
+    assert snapshot(scene) == before
+
+
+def test_an_interrupt_leaves_the_scene_as_it_was(scene, tmp_path):
+    walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    images = list(walk.images)
+
+    def interrupted():
+        yield from images[:5]
+        raise KeyboardInterrupt
+
+    walk.images = interrupted()
+    before = snapshot(scene)
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert snapshot(scene) == before
+
+
+def test_existing_ground_truth_is_never_overwritten(scene, tmp_path):
+    scene.write_gt("images", scene.gt("walk-1"))
+    source = make_images(tmp_path / "s")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    before = snapshot(scene)
+    with pytest.raises(FormatError, match=r"images.tum: ground truth of this id exists"):
+        write_walk(scene, walk)
+    assert snapshot(scene) == before
+
+
+def test_what_was_left_by_a_kill_is_replaced(scene, tmp_path):
+    left = scene.folder / "recordings/.scan.partial"
+    left.mkdir()
+    (left / "frames.csv").write_text("torn")
+    _, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    assert len(write().recording("scan").frames) == COUNT
+    assert not left.exists()
+
+
+def imported(place=None):
+    return ImportedScene("Church", place, World(), 1, lambda: iter(()))
+
+
+def test_a_new_scene_needs_a_place(tmp_path):
+    with pytest.raises(ParameterError, match="--place outdoor or --place indoor"):
+        open_or_create(tmp_path / "new", imported(), None)
+    assert not (tmp_path / "new").exists()
+    assert open_or_create(tmp_path / "new", imported(), "indoor").is_outdoor is False
+    assert open_or_create(tmp_path / "other", imported("outdoor"), None).name == "Church"
+
+
+def test_a_folder_of_other_files_is_no_scene(tmp_path):
+    (tmp_path / "a.txt").write_text("x")
+    with pytest.raises(FormatError, match="expected a scene or a new folder, found other files"):
+        open_or_create(tmp_path, imported("outdoor"), None)
+    with pytest.raises(FormatError, match="expected a scene or a new folder, found a file"):
+        open_or_create(tmp_path / "a.txt", imported("outdoor"), None)
+
+
+def test_frames_without_image_and_pose_stay_for_their_ground_truth(scene, tmp_path):
+    source = make_images(tmp_path / "s")
+    (source / "images/frame-0003.jpg").write_bytes(b"")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    scene = write_walk(scene, walk)
+    frames = scene.recording("images").frames
+    assert len(frames) == COUNT
+    assert (frames.image[3], frames.has_pose[3]) == ("", False)
+    assert not check_scene(scene.folder).errors
+
+
+def test_tracking_lost_throughout_is_reported(tmp_path):
+    (walk,) = read_walks(STRAY, make_stray(tmp_path / "scan"))
+    lost = Walk(**{**vars(walk), "findings": [], "tracking": np.full(COUNT, 2, dtype=np.uint8)})
+    judge(lost)
+    assert "tracking was lost throughout: no frame has a pose" in texts(lost, warnings=True)
+
+
+def test_names_for_one_folder():
+    assert flat_names(["a/1.jpg", "a/2.jpg"]) == ["1.jpg", "2.jpg"]
+    assert flat_names(["a/1.jpg", "b/1.jpg"]) == ["a_1.jpg", "b_1.jpg"]
+    assert flat_names(['x/a, "b".jpg']) == ["a___b_.jpg"]
+
+
+def test_ids():
+    assert id_of("My Scan (2).r3d") == "My-Scan-2-.r3d"
+    with pytest.raises(ParameterError, match="--id"):
+        id_of("///")
