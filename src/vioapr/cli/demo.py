@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vioapr.cli.console import console, error_console
 from vioapr.cli.localize import localize_
-from vioapr.errors import FormatError
+from vioapr.errors import UnwritableError
 from vioapr.scene.scene import Scene
 
 LOCALIZER = "localizer.onnx"
@@ -46,4 +46,4 @@ def _copy(out: Path) -> None:
         with as_file(files("vioapr") / "demo") as package:
             shutil.copytree(package, out, dirs_exist_ok=True)
     except OSError as error:
-        raise FormatError(out, f"cannot be written: {error}") from None
+        raise UnwritableError.of(out, error) from None

@@ -9,7 +9,7 @@ import tyro
 from vioapr.cli.console import console
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.cli.torch_extra import require_torch
-from vioapr.errors import FormatError, MissingExtraError, ParameterError
+from vioapr.errors import MissingExtraError, ParameterError, UnwritableError
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 
 _PRECISIONS = ("fp32", "fp16w", "int8w", "int8-qdq")
@@ -70,5 +70,5 @@ def _write(path: Path, content: bytes) -> None:
     try:
         path.write_bytes(content)
     except OSError as error:
-        raise FormatError(path, f"cannot be written: {error.strerror}") from None
+        raise UnwritableError.of(path, error) from None
     console.print(f"{path}: {len(content) / 1e6:.2f} MB", markup=False, soft_wrap=True)

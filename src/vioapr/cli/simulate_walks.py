@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vioapr.cli.console import console, progress
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import ParameterError, UnwritableError
 from vioapr.formats import tum
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
@@ -36,7 +36,7 @@ def _write_walk(folder: Path, seed: int) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FormatError(folder, f"cannot be made: {error.strerror}") from None
+        raise UnwritableError.of(folder, error) from None
     tum.write(folder / "gt.tum", walk.gt)
     tum.write(folder / "vio_sim.tum", walk.vio)
     tum.write(folder / "apr_simulated.tum", walk.apr)

@@ -15,7 +15,7 @@ from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
 from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_json
 from vioapr.evaluation.vio_tracks import find_walks
 from vioapr.files.text import write_bytes, write_text
-from vioapr.fusion.gaps import RelativeGap
+from vioapr.geometry.relative import RelativeGap
 from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
 from vioapr.report.formatting import format_error, format_median, format_number
 from vioapr.report.style import render

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.fusion.gaps import RelativeGap, relative_gap
 from vioapr.geometry import rigid
 from vioapr.geometry.arrays import Array
+from vioapr.geometry.relative import RelativeGap, relative_gap
 from vioapr.geometry.rigid import Rigid3
 
 PRECISION_LEVELS = {"high": (0.25, 2.0), "medium": (0.5, 5.0), "low": (5.0, 10.0)}

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from vioapr.errors import ParameterError
 from vioapr.evaluation.metrics import PoseErrors, pose_errors
 from vioapr.evaluation.vio_tracks import VioTrack
-from vioapr.fusion.gaps import RelativeGap, relative_gap
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.averaging import mean_quaternion
+from vioapr.geometry.relative import RelativeGap, relative_gap
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.umeyama import align_umeyama
 

@@ -15,7 +15,13 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError
+from vioapr.errors import (
+    AlreadyExistsError,
+    FileMissingError,
+    FormatError,
+    UnreadableError,
+    UnwritableError,
+)
 from vioapr.formats.table import is_number
 
 BLOCK_ROWS = 4096
@@ -60,9 +66,9 @@ class AppendTable:
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
         except FileExistsError:
-            raise FormatError(path, "expected to write a new file, but it exists") from None
+            raise AlreadyExistsError(path, "expected to write a new file, but it exists") from None
         except OSError as error:
-            raise FormatError(path, f"cannot be written: {error.strerror}") from None
+            raise UnwritableError.of(path, error) from None
         self._end = 0
         self.append(header)
 
@@ -77,7 +83,7 @@ class AppendTable:
             write_all(self._file, content)
         except OSError as error:
             os.ftruncate(self._file, self._end)
-            raise FormatError(self._path, f"cannot be written: {error.strerror}") from None
+            raise UnwritableError.of(self._path, error) from None
         self._end += len(content)
 
     def close(self) -> None:
@@ -141,9 +147,9 @@ def read_blocks(path: Path, header: str, problems: list[Problem]) -> Iterator[Bl
             width = _check_header(path, first, header)
             yield from _split(path, file, width, problems)
     except FileNotFoundError:
-        raise FormatError(path, "expected a file, found none of this name") from None
+        raise FileMissingError(path, "expected a file, found none of this name") from None
     except OSError as error:
-        raise FormatError(path, f"cannot be read: {error.strerror}") from None
+        raise UnreadableError.of(path, error) from None
 
 
 def _check_header(path: Path, first: bytes, header: str) -> int:

@@ -11,7 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import (
+    AlreadyExistsError,
+    FileMissingError,
+    FormatError,
+    ParameterError,
+    UnreadableError,
+    UnwritableError,
+)
 from vioapr.files.append_table import write_all
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -146,7 +153,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint
                 pixels = pixels.resize(size, Image.Resampling.BILINEAR)
             return np.asarray(pixels)
     except FileNotFoundError:
-        raise FormatError(path, "expected an image, found no file of this name") from None
+        raise FileMissingError(path, "expected an image, found no file of this name") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         problem = (
             f"expected an image that can be decoded: {error}; "
@@ -194,9 +201,9 @@ def copy_image(source: Path | str, target: Path | str, *, link: bool) -> None:
     try:
         write_image(target, Path(source).read_bytes())
     except FileNotFoundError:
-        raise FormatError(source, "expected an image, found no file of this name") from None
+        raise FileMissingError(source, "expected an image, found no file of this name") from None
     except OSError as error:
-        raise FormatError(source, f"cannot be read: {error.strerror}") from None
+        raise UnreadableError.of(source, error) from None
 
 
 def write_image(path: Path | str, content: bytes) -> None:
@@ -208,13 +215,13 @@ def write_image(path: Path | str, content: bytes) -> None:
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     except FileExistsError:
-        raise FormatError(path, "expected to write a new image, but it exists") from None
+        raise AlreadyExistsError(path, "expected to write a new image, but it exists") from None
     except OSError as error:
-        raise FormatError(path, f"cannot be written: {error.strerror}") from None
+        raise UnwritableError.of(path, error) from None
     try:
         write_all(file, content)
     except OSError as error:
         Path(path).unlink(missing_ok=True)
-        raise FormatError(path, f"cannot be written: {error.strerror}") from None
+        raise UnwritableError.of(path, error) from None
     finally:
         os.close(file)

@@ -7,14 +7,17 @@ import io
 import re
 from pathlib import Path
 
-from vioapr.errors import FormatError
+from vioapr.errors import FormatError, UnreadableError
+from vioapr.files.atomic import write_atomically
 
 
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
     """A file's content, decompressed if it is gzip, at most `limit` bytes of it.
 
     Raises:
-        FormatError: It is missing, a directory, unreadable, or a broken gzip file.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is a directory, or a broken gzip file.
     """
     try:
         if path.is_dir():
@@ -26,10 +29,8 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
             return content.read() if limit is None else content.read(limit)
     except FormatError:
         raise
-    except FileNotFoundError:
-        raise FormatError(path, "expected a file, found none of this name") from None
     except OSError as error:
-        raise FormatError(path, f"cannot be read: {error.strerror or error}") from None
+        raise UnreadableError.of(path, error) from None
     except Exception as error:  # EOFError and zlib.error have no public base class in common
         raise FormatError(path, f"broken gzip content: {error}") from None
 
@@ -53,30 +54,26 @@ def read_text(path: Path) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write text, gzipped where the name ends in .gz.
+    """Write text in one step, gzipped where the name ends in .gz.
 
     Raises:
-        FormatError: The file cannot be written.
+        UnwritableError: It cannot be written; what was there stays.
     """
     write_bytes(path, text.encode())
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write bytes, gzipped where the name ends in .gz; folders are made as needed.
+    """Write bytes in one step, gzipped where the name ends in .gz; folders are made as needed.
 
     Raises:
-        FormatError: The file cannot be written.
+        UnwritableError: It cannot be written; what was there stays.
     """
     if path.suffix == ".gz":
         buffer = io.BytesIO()
         with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0) as file:
             file.write(content)
         content = buffer.getvalue()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    except OSError as error:
-        raise FormatError(path, f"cannot be written: {error.strerror}") from None
+    write_atomically(path, content)
 
 
 def is_folder(path: Path) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import FormatError, ParameterError, UnreadableError
 from vioapr.files.text import is_folder, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
@@ -25,7 +25,7 @@ def _find_poses(path: Path) -> list[Path]:
         found = sorted(path.glob(f"*{_POSE_SUFFIX}"))
         return found or sorted(path.glob(f"*/*{_POSE_SUFFIX}"))
     except OSError as error:
-        raise FormatError(path, f"cannot be read: {error.strerror}") from None
+        raise UnreadableError.of(path, error) from None
 
 
 def sniff(path: Path, head: bytes) -> float:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from vioapr.fusion.gaps import relative_gap
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, select, zeros
 from vioapr.geometry.averaging import geometric_median, mean_quaternion
+from vioapr.geometry.relative import relative_gap
 from vioapr.geometry.rigid import Rigid3, between, choose, stack
 
 _NEWEST = (..., 0, slice(None))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import FormatError, ParameterError, UnwritableError
 from vioapr.files.images import probe_bytes, probe_image
 from vioapr.importers.base import Image, ImportedScene, Place, Walk
 from vioapr.scene.frames import Frames, Intrinsics
@@ -85,7 +85,7 @@ def write_walk(
         _remove(folder)
         gt_path.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise FormatError(folder, f"cannot be written: {error.strerror}") from None
+            raise UnwritableError.of(folder, error) from None
         raise
     return scene
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.fusion.gaps import relative_gap
+from vioapr.geometry.relative import relative_gap
 from vioapr.geometry.rigid import Rigid3
 
 MAX_STEP_S = 5.0

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr import __version__
+from vioapr._version import __version__
 from vioapr.errors import FormatError
+from vioapr.files.atomic import write_atomically
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.alignment import poses_of_model
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
@@ -25,7 +26,7 @@ from vioapr.mapping.registration import Registered
 from vioapr.mapping.vio_interpolation import carry_by_vio
 from vioapr.scene.scene import GeodeticOrigin, Scene, World
 from vioapr.trajectory import Trajectory
-from vioapr.work.steps import Steps, write_atomically
+from vioapr.work.steps import Steps
 
 SUMMARY_FILE = "map.json"
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from vioapr.errors import FormatError, MappingError
+from vioapr.errors import MappingError, UnwritableError
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
 from vioapr.mapping.params import MappingParams
 
@@ -125,4 +125,4 @@ def _make_folders(*folders: Path) -> None:
         try:
             folder.mkdir(parents=True)
         except OSError as error:
-            raise FormatError(folder, f"cannot be written: {error.strerror}") from None
+            raise UnwritableError.of(folder, error) from None

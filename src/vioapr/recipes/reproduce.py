@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vioapr.errors import FormatError
+from vioapr.errors import UnwritableError
 from vioapr.importers.registry import Progress
 from vioapr.recipes.comparison import compare, load_paper
 from vioapr.recipes.datasets import DataSet, FoundScenes, choose_scenes, find_scenes
@@ -88,7 +88,7 @@ def _make_folder(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FormatError(out, f"cannot be made: {error.strerror}") from None
+        raise UnwritableError.of(out, error) from None
 
 
 def _run_all(

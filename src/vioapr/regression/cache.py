@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError
+from vioapr.errors import FileMissingError, FormatError
 from vioapr.files.images import read_rgb
 
 CACHE_FOLDER = ".cache"
@@ -90,7 +90,7 @@ def _key(paths: Sequence[Path], resize: int) -> str:
         try:
             status = path.stat()
         except FileNotFoundError:
-            raise FormatError(path, "expected an image, found no file of this name") from None
+            raise FileMissingError(path, "expected an image, found no file of this name") from None
         digest.update(f"{path.name} {status.st_size} {status.st_mtime_ns}\n".encode())
     return digest.hexdigest()
 

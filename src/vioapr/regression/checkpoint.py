@@ -16,7 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import FileMissingError, FormatError, ParameterError, UnwritableError
 from vioapr.regression.files import REGRESSOR_FILE, note_of
 from vioapr.regression.networks import PoseNetwork, build
 from vioapr.regression.spec import RegressorSpec
@@ -126,7 +126,9 @@ def save_tensors(
         note_partial.write_text(json.dumps(header, indent=1) + "\n")
         note_partial.replace(note)
     except (OSError, SafetensorError) as error:
-        raise FormatError(path, f"cannot be written: {error}") from None
+        if isinstance(error, OSError):
+            raise UnwritableError.of(path, error) from None
+        raise UnwritableError(path, f"cannot be written: {error}") from None
     finally:
         partial.unlink(missing_ok=True)
 
@@ -139,7 +141,7 @@ def load_tensors(path: Path, kind: str) -> tuple[dict[str, Tensor], dict[str, An
     """
     expected = _FORMATS[kind]
     if not path.is_file():
-        raise FormatError(path, f"expected a {expected}, found no file of this name")
+        raise FileMissingError(path, f"expected a {expected}, found no file of this name")
     try:
         with safe_open(path, framework="pt") as file:
             header = json.loads((file.metadata() or {})[_HEADER])
@@ -185,7 +187,7 @@ def load_backbone_weights(network: PoseNetwork, path: Path) -> None:
 
 def _read_weights(path: Path) -> dict[str, Tensor]:
     if not path.is_file():
-        raise FormatError(path, "expected weights, found no file of this name")
+        raise FileMissingError(path, "expected weights, found no file of this name")
     try:
         if path.suffix == ".safetensors":
             with safe_open(path, framework="pt") as file:

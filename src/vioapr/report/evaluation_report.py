@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from vioapr import __version__
+from vioapr._version import __version__
 from vioapr.errors import FormatError
 from vioapr.evaluation.evaluate import Result
 from vioapr.evaluation.metrics import PRECISION_LEVELS, Summary, summarize

@@ -11,7 +11,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import AlreadyExistsError, FormatError, ParameterError, UnwritableError
 from vioapr.files.text import read_text, write_text
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
@@ -77,7 +77,9 @@ class Scene:
         """
         folder = Path(folder)
         if (folder / SCENE_FILE).exists():
-            raise FormatError(folder / SCENE_FILE, "expected to make a new scene, but it exists")
+            raise AlreadyExistsError(
+                folder / SCENE_FILE, "expected to make a new scene, but it exists"
+            )
         scene = Scene(folder, name, is_outdoor, world=world or World())
         scene.save()
         return scene
@@ -205,7 +207,7 @@ def _replace(partial: Path, path: Path, write) -> None:
         write()
         partial.replace(path)
     except OSError as error:
-        raise FormatError(path, f"cannot be written: {error.strerror}") from None
+        raise UnwritableError.of(path, error) from None
     finally:
         partial.unlink(missing_ok=True)
 

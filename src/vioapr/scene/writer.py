@@ -9,7 +9,7 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import ParameterError, UnwritableError
 from vioapr.files.append_table import AppendTable, format_field
 from vioapr.files.images import copy_image, encode_image, write_image
 from vioapr.geometry.rigid import Rigid3
@@ -54,7 +54,7 @@ class RecordingWriter:
         try:
             (self.folder / IMAGES_FOLDER).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FormatError(self.folder, f"cannot be written: {error.strerror}") from None
+            raise UnwritableError.of(self.folder, error) from None
         self._table(FRAMES_FILE, HEADER)
         self.set_info(info)
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vioapr.errors import FormatError
+from vioapr.errors import UnwritableError
+from vioapr.files.atomic import write_atomically
 
 _VERSION = 1
 """Part of every key: raise it when a step's results mean something else than before."""
@@ -44,7 +44,7 @@ class Steps:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FormatError(folder, f"cannot be written: {error.strerror}") from None
+            raise UnwritableError.of(folder, error) from None
 
     def run(self, name: str, inputs: Any, work: Callable[[bool], Any]) -> Any:
         """Do a step, unless it has been done with the same inputs.
@@ -91,21 +91,3 @@ class Steps:
 
     def _write(self, name: str, content: dict[str, Any]) -> None:
         write_atomically(self._path(name), (json.dumps(content) + "\n").encode())
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is, whatever happens, either the old one or the new one.
-
-    Raises:
-        FormatError: It cannot be written; the old one stays.
-    """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise FormatError(path, f"cannot be written: {error.strerror}") from None
