@@ -37,6 +37,18 @@ def test_from_matrix_inverts_to_matrix(rng):
     np.testing.assert_allclose(matrices(again), matrices(transform), atol=1e-14)
 
 
+@pytest.mark.parametrize("batch", BATCHES)
+def test_known_poses_are_those_without_nan(xp, rng, batch):
+    known = random_rigid(rng, batch, xp)
+    assert to_numpy(known.is_known).shape == batch
+    assert to_numpy(known.is_known).all()
+    assert Rigid3.unknown(batch).batch_shape == batch
+    assert not Rigid3.unknown(batch).is_known.any()
+    np.testing.assert_array_equal(
+        rigid.stack([Rigid3.unknown(), Rigid3.identity()]).is_known, [0, 1]
+    )
+
+
 def test_distance_and_angle_by_hand():
     here = Rigid3(np.zeros(3), np.array([0.0, 0, 0, 1]))
     there = Rigid3(np.array([3.0, 4.0, 0.0]), np.array([0, 0, np.sqrt(0.5), np.sqrt(0.5)]))

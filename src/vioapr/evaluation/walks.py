@@ -62,7 +62,7 @@ class Case:
     @property
     def has_gt(self) -> NDArray[np.bool_]:
         """Shape (n,), the frames that have ground truth."""
-        return np.isfinite(self.gt_world_from_cam.translation_m[:, 0])
+        return self.gt_world_from_cam.is_known
 
     @property
     def group(self) -> tuple[str, str, str]:
@@ -181,6 +181,6 @@ def _gt_of_frames(
     """Ground truth of every frame, NaN where it has none."""
     timestamp_s = frames.timestamp_s if is_timed else None
     poses = poses_of_frames(gt, timestamp_s, frames.names, tolerance_s)
-    if np.isnan(poses.translation_m).all():
+    if not poses.is_known.any():
         raise AssociationError("no frame has ground truth: no common times or names")
     return poses

@@ -62,6 +62,17 @@ class Rigid3(NamedTuple):
         quat = zeros((*batch_shape, 4), like) + constant(np.array([0.0, 0.0, 0.0, 1.0]), like)
         return Rigid3(translation, quat)
 
+    @staticmethod
+    def unknown(batch_shape: tuple[int, ...] = ()) -> Rigid3:
+        """Poses that are not known: NaN in all their numbers, NumPy float64."""
+        return Rigid3(np.full((*batch_shape, 3), np.nan), np.full((*batch_shape, 4), np.nan))
+
+    @property
+    def is_known(self) -> Array:
+        """Which poses are known, shape (...): an unknown one is NaN in all its numbers."""
+        xp = namespace(self.translation_m)
+        return xp.all(xp.isfinite(self.translation_m), axis=-1)
+
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The leading axes."""

@@ -222,8 +222,7 @@ def no_poses(count: int) -> Rigid3:
 
 def tracking_of(vio_from_cam: Rigid3) -> NDArray[np.uint8]:
     """Normal where there is a pose, lost where there is none."""
-    has_pose = np.isfinite(vio_from_cam.translation_m[:, 0])
-    return np.where(has_pose, Tracking.NORMAL, Tracking.LOST).astype(np.uint8)
+    return np.where(vio_from_cam.is_known, Tracking.NORMAL, Tracking.LOST).astype(np.uint8)
 
 
 def spread_poses(trajectory: Trajectory, rows: NDArray[np.intp], count: int) -> Rigid3:

@@ -158,8 +158,7 @@ def map_up(
         The nearest axis, e.g. "+z"; the angle to it; the median angle of single frames to the
         mean, degrees. The axis is "" where no frame has both poses.
     """
-    quats = vio_from_cam.quat_xyzw[rows]
-    known = np.isfinite(quats[:, 0])
+    quats, known = vio_from_cam.quat_xyzw[rows], vio_from_cam.at(rows).is_known
     if not known.any():
         return "", np.nan, np.nan
     world_from_vio = quaternion.multiply(gt.quat_xyzw[known], quaternion.inverse(quats[known]))

@@ -85,7 +85,7 @@ class MapImages:
     @property
     def has_vio(self) -> NDArray[np.bool_]:
         """Shape (n,), the images with a pose of the tracker."""
-        return np.isfinite(self.vio_from_cam.translation_m[:, 0])
+        return self.vio_from_cam.is_known
 
     def rows_of(self, id_: str) -> NDArray[np.intp]:
         """Rows of one recording, in order of time."""

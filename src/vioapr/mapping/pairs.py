@@ -60,7 +60,7 @@ def near_pairs(
     Returns:
         Sorted, none twice.
     """
-    is_known = np.isfinite(world_from_cam.translation_m[:, 0])
+    is_known = world_from_cam.is_known
     chosen = [np.zeros((0, 2), dtype=np.intp)]
     for one in np.unique(world[rows]):
         members = rows[(world[rows] == one) & is_known[rows]]

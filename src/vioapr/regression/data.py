@@ -56,7 +56,7 @@ def posed_frames(scene: Scene, id_: str) -> PosedFrames:
     frames = scene.recording(id_).frames
     rows = np.flatnonzero(frames.has_image)
     poses = poses_of_frames(gt, frames.timestamp_s[rows])
-    has_gt = np.isfinite(poses.translation_m[:, 0])
+    has_gt = poses.is_known
     poses, rows = poses.at(has_gt), rows[has_gt]
     folder = scene.recording_folder(id_) / IMAGES_FOLDER
     chosen = frames.at_rows(rows)

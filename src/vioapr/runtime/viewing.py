@@ -122,7 +122,7 @@ class RerunFile:
             ("world/fused", located.world_from_cam),
             ("world/apr", located.apr_world_from_cam),
         ):
-            if np.isfinite(pose.translation_m).all():
+            if pose.is_known:
                 self._log_camera(name, pose, STATUS_RGB[located.status])
         if located.sigma_position_axes_m is not None and located.status:
             ellipsoid = rerun.Ellipsoids3D(

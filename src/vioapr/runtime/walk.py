@@ -51,7 +51,7 @@ class WalkFrames:
     @property
     def has_pose(self) -> NDArray[np.bool_]:
         """Shape (n,), the frames with a tracker's pose."""
-        return np.isfinite(self.vio_from_cam.translation_m[:, 0])
+        return self.vio_from_cam.is_known
 
 
 def frames_of_recording(folder: Path) -> WalkFrames:
@@ -152,7 +152,7 @@ class LocalizedWalk:
         sigma_m, sigma_deg = map(
             self._column, ("apr_sigma_position_m", "apr_sigma_orientation_deg")
         )
-        has_apr = np.isfinite(apr.translation_m[:, 0])
+        has_apr = apr.is_known
         return PairedFrames(
             FrameInput(
                 frames.timestamp_s,

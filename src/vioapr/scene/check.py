@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError
+from vioapr.errors import FileError
 from vioapr.files.append_table import Problem
 from vioapr.files.images import IMAGE_SUFFIXES, decode_problem, probe_image
 from vioapr.formats.registry import read_trajectory
@@ -168,7 +168,7 @@ def _collecting(report: Report) -> Iterator[None]:
     """Turns a file that cannot be read at all into a problem."""
     try:
         yield
-    except FormatError as error:
+    except FileError as error:
         report.error(Path(error.path), error.problem, error.line)
 
 

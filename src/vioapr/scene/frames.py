@@ -92,7 +92,7 @@ class Frames:
     @property
     def has_pose(self) -> NDArray[np.bool_]:
         """Shape (n,), the frames with a VIO pose."""
-        return np.isfinite(self.vio_from_cam.translation_m[:, 0])
+        return self.vio_from_cam.is_known
 
     @property
     def has_image(self) -> NDArray[np.bool_]:
