@@ -3,7 +3,7 @@
     python benchmarks/regressors.py courtyard FOLDER --models mobile   # simulates and trains
     python scripts/make_demo.py FOLDER
 
-Writes src/vioapr/demo; docs/demo.md says more.
+Writes src/vioapr/recipes/data; docs/demo.md says more.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from vioapr.cli.demo import LOCALIZER, SCENE
 from vioapr.cli.main import main as vioapr
+from vioapr.recipes.demo import ARCHIVE_FILE, LOCALIZER_FILE, RECORDING, SCENE_FOLDER, pack_folder
 from vioapr.scene.scene import Scene
 
-PACKAGE = Path(__file__).parent.parent / "src" / "vioapr" / "demo"
-RECORDING = "test-01"
+PACKAGE = Path(__file__).parent.parent / "src" / "vioapr" / "recipes" / "data"
 PRECISION = "int8w"
 MOST_MB = 12.0
 LEFT_OUT = shutil.ignore_patterns("imu.csv")  # large, and no method here uses it
 
 
 def copy_scene(scene: Scene, folder: Path) -> None:
-    """The scene with one test recording."""
+    """Copy the scene with one test recording."""
     shipped = replace(scene, folder=folder, splits={"train": (), "test": (RECORDING,)})
     recordings = (one.recording_folder(RECORDING) for one in (scene, shipped))
     shutil.copytree(*recordings, ignore=LEFT_OUT)
@@ -40,15 +40,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], allow_abbrev=False)
     parser.add_argument("folder", type=Path, help="what benchmarks/regressors.py left")
     folder = parser.parse_args().folder
-    if PACKAGE.exists():
-        shutil.rmtree(PACKAGE)
-    PACKAGE.mkdir()
-    copy_scene(Scene.open(folder / "courtyard"), PACKAGE / SCENE)
-    localizer = PACKAGE / LOCALIZER
+    archive, localizer = PACKAGE / ARCHIVE_FILE, PACKAGE / LOCALIZER_FILE
+    with TemporaryDirectory() as temporary:
+        shipped = Path(temporary) / SCENE_FOLDER
+        copy_scene(Scene.open(folder / "courtyard"), shipped)
+        pack_folder(shipped, archive)
     arguments = ("export", folder / "mobile", "--out", localizer, "--precision", PRECISION)
     if code := vioapr([str(word) for word in arguments]):
         sys.exit(code)
-    size_mb = sum(path.stat().st_size for path in PACKAGE.rglob("*") if path.is_file()) / 1e6
+    size_mb = sum(path.stat().st_size for path in (archive, localizer)) / 1e6
     print(f"{PACKAGE}: {size_mb:.1f} MB, at most {MOST_MB:g}")
     sys.exit(size_mb > MOST_MB)
 

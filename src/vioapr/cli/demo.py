@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 import webbrowser
-from importlib.resources import as_file, files
 from pathlib import Path
 
 from vioapr.cli.console import console, error_console
 from vioapr.cli.localize import localize_
-from vioapr.errors import UnwritableError
-from vioapr.scene.scene import Scene
-
-LOCALIZER = "localizer.onnx"
-SCENE = "courtyard"
+from vioapr.recipes.demo import unpack_demo
 
 
 def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
@@ -27,23 +21,12 @@ def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
         out: Folder to copy scene and localizer to, and to write fused.csv and the report to.
         open_report: Show the report in a browser, if there is one.
     """
-    _copy(out)
-    scene = Scene.open(out / SCENE)
-    folder = scene.recording_folder(scene.splits["test"][0])
+    given = unpack_demo(out)
     console.print(
-        f"vioapr localize --model {out / LOCALIZER} --recording {folder} "
-        f"--out {out / 'fused.csv'} --report {out / 'report'}",
+        f"vioapr localize --model {given.model} --recording {given.recording} "
+        f"--out {given.out} --report {given.report}",
         soft_wrap=True, markup=False,
     )  # fmt: skip
-    localize_(out / LOCALIZER, out / "fused.csv", folder, report=out / "report")
+    localize_(given.model, given.out, given.recording, report=given.report)
     if open_report and error_console.is_terminal:
-        webbrowser.open((out / "report" / "index.html").resolve().as_uri())
-
-
-def _copy(out: Path) -> None:
-    """Scene and localizer out of the package; what an earlier demo left is replaced."""
-    try:
-        with as_file(files("vioapr") / "demo") as package:
-            shutil.copytree(package, out, dirs_exist_ok=True)
-    except OSError as error:
-        raise UnwritableError.of(out, error) from None
+        webbrowser.open((given.report / "index.html").resolve().as_uri())

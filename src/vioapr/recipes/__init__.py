@@ -6,6 +6,7 @@
 - `recipes.py`: how each network is trained, by paper and published code.
 - `plan.py`, `importing.py`, `running.py`: the work, none of it done twice.
 - `pooling.py`, `comparison.py`, `references.py`: figures beside the printed ones, which are in
-  `paper_tables.json` and `reference_medians.json`.
+  `data/paper_tables.json` and `data/reference_medians.json`.
 - `report.py`: the same as Markdown and JSON.
+- `demo.py`: what `vioapr demo` localizes, out of `data/`.
 """

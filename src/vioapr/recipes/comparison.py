@@ -81,7 +81,8 @@ class Comparison:
 
 def load_paper() -> dict[str, Any]:
     """The paper's Tables 1 (images) and 2-5, as printed."""
-    return json.loads((files("vioapr.recipes") / "paper_tables.json").read_text(encoding="utf-8"))
+    file = files("vioapr.recipes") / "data" / "paper_tables.json"
+    return json.loads(file.read_text(encoding="utf-8"))
 
 
 def compare(

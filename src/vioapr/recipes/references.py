@@ -30,8 +30,8 @@ class ReferenceLine:
 
 def load_references(data_set: str) -> dict[str, dict[str, list[float]]]:
     """Published medians by scene and model."""
-    text = (files("vioapr.recipes") / "reference_medians.json").read_text(encoding="utf-8")
-    return json.loads(text)[data_set]
+    file = files("vioapr.recipes") / "data" / "reference_medians.json"
+    return json.loads(file.read_text(encoding="utf-8"))[data_set]
 
 
 def compare_references(
