@@ -19,7 +19,7 @@ from tests.importers.sources import (
 from tests.scene.scenes import jpeg
 
 from vioapr.errors import FormatError, MissingExtraError
-from vioapr.formats.table import format_rows
+from vioapr.files.tables import format_rows
 from vioapr.importers.record3d import IMPORTER as RECORD3D
 from vioapr.importers.stray import IMPORTER as STRAY
 

@@ -15,14 +15,8 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import (
-    AlreadyExistsError,
-    FileMissingError,
-    FormatError,
-    UnreadableError,
-    UnwritableError,
-)
-from vioapr.formats.table import is_number
+from vioapr.errors import AlreadyExistsError, FormatError, UnreadableError, UnwritableError
+from vioapr.files.tables import Rows, is_number
 
 BLOCK_ROWS = 4096
 """Rows that are held as text at a time."""
@@ -60,7 +54,8 @@ class AppendTable:
         """Create the table with its header line.
 
         Raises:
-            FormatError: It exists already, or cannot be written.
+            AlreadyExistsError: It exists already.
+            UnwritableError: It cannot be written.
         """
         self._path = path
         try:
@@ -76,7 +71,7 @@ class AppendTable:
         """Write one line, or several, whole, or, if the disk is full, nothing of it.
 
         Raises:
-            FormatError: It cannot be written.
+            UnwritableError: It cannot be written.
         """
         content = line.encode() + b"\n"
         try:
@@ -109,110 +104,78 @@ def write_all(file: int, content: bytes) -> None:
         written += os.write(file, content[written:])
 
 
-@dataclass
-class Block:
-    """Some consecutive rows of a table as text.
-
-    Attributes:
-        fields: The fields of each row.
-        lines: The 1-based line number of each.
-    """
-
-    fields: list[list[str]]
-    lines: list[int]
-
-    def drop(self, bad: NDArray[np.bool_]) -> Block:
-        """The rows that are not bad."""
-        if not bad.any():
-            return self
-        keep = np.flatnonzero(~bad)
-        return Block([self.fields[i] for i in keep], [self.lines[i] for i in keep])
-
-
-def read_blocks(path: Path, header: str, problems: list[Problem]) -> Iterator[Block]:
+def read_blocks(path: Path, header: str, problems: list[Problem]) -> Iterator[Rows]:
     """Read a table in blocks of rows that have as many fields as the header.
 
     Args:
         path: The file.
         header: Its first line; further columns may follow it.
-        problems: Where what is wrong is appended: rows with another number of fields (they are
-            left out), a torn last line (likewise).
+        problems: Where what is wrong is appended: rows with another number of fields and a
+            torn last line, which are left out.
+
+    Yields:
+        At most `BLOCK_ROWS` consecutive rows.
 
     Raises:
-        FormatError: It cannot be read, or has another header.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It has another header.
     """
     try:
         with path.open("rb") as file:
-            first = file.readline()
-            width = _check_header(path, first, header)
-            yield from _split(path, file, width, problems)
-    except FileNotFoundError:
-        raise FileMissingError(path, "expected a file, found none of this name") from None
+            found = [f.strip() for f in file.readline().decode("utf-8", "replace").split(",")]
+            wanted = header.split(",")
+            if found[: len(wanted)] != wanted:
+                shown = ",".join(found)[:200]
+                raise FormatError(path, f"expected the header {header}, got {shown!r}", 1)
+            block = Rows(path, [], [])
+            for number, raw in enumerate(file, start=2):
+                if not raw.endswith(b"\n"):
+                    text = "the last line is cut off and is passed over: was writing interrupted?"
+                    problems.append(Problem(path, number, text, is_error=False))
+                    break
+                row = raw.decode("utf-8", "replace").rstrip("\r\n").split(",")
+                if len(row) != len(found):
+                    text = f"expected {len(found)} fields, got {len(row)}"
+                    problems.append(Problem(path, number, text))
+                    continue
+                block.fields.append(row)
+                block.lines.append(number)
+                if len(block) == BLOCK_ROWS:
+                    yield block
+                    block = Rows(path, [], [])
+            if len(block):
+                yield block
     except OSError as error:
         raise UnreadableError.of(path, error) from None
 
 
-def _check_header(path: Path, first: bytes, header: str) -> int:
-    found = [field.strip() for field in first.decode("utf-8", "replace").split(",")]
-    wanted = header.split(",")
-    if found[: len(wanted)] != wanted:
-        shown = ",".join(found)[:200]
-        raise FormatError(path, f"expected the header {header}, got {shown!r}", 1)
-    return len(found)
+def finite_numbers(
+    rows: Rows, columns: Sequence[int], problems: list[Problem]
+) -> tuple[Rows, NDArray[np.float64]]:
+    """Some columns as numbers; empty fields are NaN.
 
-
-def _split(path: Path, file, width: int, problems: list[Problem]) -> Iterator[Block]:
-    fields: list[list[str]] = []
-    lines: list[int] = []
-    for number, raw in enumerate(file, start=2):
-        if not raw.endswith(b"\n"):
-            text = "the last line is cut off and is passed over: was writing interrupted?"
-            problems.append(Problem(path, number, text, is_error=False))
-            break
-        row = raw.decode("utf-8", "replace").rstrip("\r\n").split(",")
-        if len(row) != width:
-            text = f"expected {width} fields, got {len(row)}"
-            problems.append(Problem(path, number, text))
-            continue
-        fields.append(row)
-        lines.append(number)
-        if len(lines) == BLOCK_ROWS:
-            yield Block(fields, lines)
-            fields, lines = [], []
-    if lines:
-        yield Block(fields, lines)
-
-
-def to_numbers(
-    path: Path, block: Block, columns: Sequence[int], problems: list[Problem]
-) -> tuple[Block, NDArray[np.float64]]:
-    """Some columns of a block as numbers; empty fields are NaN.
+    Args:
+        rows: As read by `read_blocks`.
+        columns: Which fields of each row.
+        problems: Where rows that hold something that is no finite number are appended.
 
     Returns:
-        The block without rows that hold something that is no finite number, and the numbers,
-        shape (rows, columns). Such rows are appended to the problems.
+        The other rows, and their numbers, shape (rows, columns).
     """
-    texts = [[row[i] or "nan" for i in columns] for row in block.fields]
+    texts = [[row[i] or "nan" for i in columns] for row in rows.fields]
     try:
         values = np.array(texts, dtype=np.float64)
     except ValueError:
-        numbers = [[float(text) if is_number(text) else np.inf for text in row] for row in texts]
-        values = np.array(numbers)
+        values = np.array([[float(x) if is_number(x) else np.inf for x in row] for row in texts])
     values = values.reshape(len(texts), len(columns))
     bad = np.zeros(len(values), dtype=bool)
-    for row, column in np.argwhere(~np.isfinite(values)):
-        field = block.fields[row][columns[column]]
+    for row, column in np.argwhere(~np.isfinite(values)).tolist():
+        field = rows.fields[row][columns[column]]
         if field and not bad[row]:
             text = f"expected a finite number, got {field[:40]!r}"
-            problems.append(Problem(path, block.lines[row], text))
+            problems.append(Problem(rows.path, rows.lines[row], text))
             bad[row] = True
-    return block.drop(bad), values[~bad]
-
-
-def format_field(value: object) -> str:
-    """A value as a field: floats with all their digits, what is not known empty."""
-    if value is None:
-        return ""
-    if isinstance(value, float):
-        return "" if value != value else repr(value)
-    return str(value)
+    if bad.any():
+        rows = rows.at(np.flatnonzero(~bad).tolist())
+    return rows, values[~bad]

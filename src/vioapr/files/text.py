@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import re
+import zlib
 from pathlib import Path
 
 from vioapr.errors import FormatError, UnreadableError
@@ -27,19 +28,19 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
             file.seek(0)
             content = gzip.GzipFile(fileobj=file) if is_gzip else file
             return content.read() if limit is None else content.read(limit)
-    except FormatError:
-        raise
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise FormatError(path, f"broken gzip content: {error}") from None
     except OSError as error:
         raise UnreadableError.of(path, error) from None
-    except Exception as error:  # EOFError and zlib.error have no public base class in common
-        raise FormatError(path, f"broken gzip content: {error}") from None
 
 
 def read_text(path: Path) -> str:
     """A text file's content, gzip or not.
 
     Raises:
-        FormatError: As `read_bytes`, or it is not UTF-8 text.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is a directory, a broken gzip file, or not UTF-8 text.
     """
     content = read_bytes(path)
     try:

@@ -26,18 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError
+from vioapr.files.tables import Rows, all_numbers, format_rows, head_rows, parse_rows
 from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions, tum
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.poses import MAX_TIME_S, build_trajectory, poses_of, require_times
-from vioapr.formats.table import (
-    Rows,
-    all_numbers,
-    format_rows,
-    head_rows,
-    parse_rows,
-    pose_columns,
-)
+from vioapr.formats.poses import MAX_TIME_S, build_trajectory, pose_columns, poses_of, require_times
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.tables import format_rows, read_headed_csv, to_ticks
 from vioapr.files.text import read_bytes, write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.headed import build_timed
-from vioapr.formats.poses import require_times
-from vioapr.formats.table import format_rows, pose_columns, read_headed_csv, to_ticks
+from vioapr.formats.poses import pose_columns, require_times
 from vioapr.trajectory import Trajectory
 
 _TIME = "tracking_timestamp_us"

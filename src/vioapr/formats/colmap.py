@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 from vioapr.errors import FormatError
+from vioapr.files.tables import Rows, format_rows
 from vioapr.files.text import is_folder, plain_name, read_text, write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
-from vioapr.formats.poses import poses_of
-from vioapr.formats.table import Rows, format_rows, pose_columns
+from vioapr.formats.poses import pose_columns, poses_of
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"

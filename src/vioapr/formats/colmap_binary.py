@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from vioapr.errors import FormatError
+from vioapr.files.tables import Rows
 from vioapr.files.text import is_folder, plain_name, read_bytes, write_bytes
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.colmap import PLACEHOLDER_PINHOLE, PLACEHOLDER_SIZE, file_of, images_of
 from vioapr.formats.named import build_named
 from vioapr.formats.poses import poses_of
-from vioapr.formats.table import Rows
 from vioapr.trajectory import Trajectory
 
 _FILE = "images.bin"
@@ -53,7 +53,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """
     path = file_of(path, _FILE)
     names, values = _parse(path, read_bytes(path))
-    rows = Rows(path, [[name] for name in names], list(range(1, len(names) + 1)))
+    rows = Rows.numbered(path, len(names))
     numbers = np.array(values)
     poses = poses_of(rows, numbers[:, 4:7], numbers[:, [1, 2, 3, 0]])
     return build_named(rows, names, conventions.cam_from_world(poses), options)

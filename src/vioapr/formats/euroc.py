@@ -4,17 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_rows, to_ticks
 from vioapr.files.text import read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.poses import build_trajectory, poses_of, require_times
-from vioapr.formats.table import (
-    all_numbers,
-    format_rows,
-    head_rows,
-    parse_rows,
-    pose_columns,
-    to_ticks,
-)
+from vioapr.formats.poses import build_trajectory, pose_columns, poses_of, require_times
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp_ns,x,y,z,qw,qx,qy,qz"

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from vioapr.files.tables import Rows
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.poses import build_trajectory, poses_of
-from vioapr.formats.table import Rows
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
 

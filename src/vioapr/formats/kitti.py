@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from vioapr.errors import FormatError
+from vioapr.files.tables import Rows, all_numbers, format_rows, head_rows, parse_rows
 from vioapr.files.text import has_suffix, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, index_times, rigid_of_matrices
-from vioapr.formats.table import Rows, all_numbers, format_rows, head_rows, parse_rows
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from vioapr.files.tables import format_rows, read_headed_csv
 from vioapr.files.text import write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
-from vioapr.formats.poses import poses_of
-from vioapr.formats.table import format_rows, pose_columns, read_headed_csv
+from vioapr.formats.poses import pose_columns, poses_of
 from vioapr.geometry.rigid import Rigid3, choose
 from vioapr.trajectory import Trajectory
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
+from vioapr.files.tables import Rows, all_numbers, format_rows, head_rows, parse_rows
 from vioapr.files.text import natural_key, read_text, write_text
 from vioapr.formats.base import ReadOptions
-from vioapr.formats.poses import build_trajectory, poses_of
-from vioapr.formats.table import Rows, all_numbers, format_rows, head_rows, parse_rows, pose_columns
+from vioapr.formats.poses import build_trajectory, pose_columns, poses_of
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import UNIT_TOLERANCE, Trajectory
 

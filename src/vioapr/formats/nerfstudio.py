@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from vioapr.errors import FormatError
-from vioapr.files.jsons import as_numbers, get_list, load_object
+from vioapr.files.tables import Rows
 from vioapr.files.text import read_text, write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import rigid_of_matrices
-from vioapr.formats.table import Rows
+from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 from vioapr.trajectory import Trajectory
 
 
@@ -42,7 +42,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         names.append(name)
         matrix = frame.get("transform_matrix")
         matrices.append(as_numbers(path, matrix, (4, 4), '"transform_matrix"', entry))
-    rows = Rows(path, [[name] for name in names], list(range(1, len(names) + 1)))
+    rows = Rows.numbered(path, len(names))
     poses = conventions.world_from_arcam(rigid_of_matrices(rows, np.array(matrices)))
     return build_named(rows, names, poses, options)
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
+from vioapr.files.tables import Rows
 from vioapr.formats.base import ReadOptions
-from vioapr.formats.table import Rows
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory, find_problem
@@ -165,3 +165,15 @@ def require_times(trajectory: Trajectory, title: str) -> None:
             f"{title} needs timestamps, and the trajectory has none: give the rate of its frames "
             "(--rate-hz)"
         )
+
+
+def pose_columns(poses: Rigid3, order: Sequence[int] = (0, 1, 2, 3)) -> list[list[float]]:
+    """Position and quaternion of each pose as plain floats, 7 a pose.
+
+    Args:
+        poses: Shape (n,).
+        order: The quaternion's components in the file, as indices of xyzw: wxyz is
+            (3, 0, 1, 2).
+    """
+    quats = poses.quat_xyzw[:, list(order)]
+    return np.column_stack([poses.translation_m, quats]).tolist()

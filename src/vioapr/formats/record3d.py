@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.files.jsons import as_numbers, get_list, load_object
+from vioapr.files.tables import Rows
 from vioapr.files.text import has_suffix, plain_name, read_bytes, read_text, write_bytes
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.poses import build_trajectory, index_times, poses_of
-from vioapr.formats.table import Rows, pose_columns
+from vioapr.formats.poses import build_trajectory, index_times, pose_columns, poses_of
+from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 from vioapr.trajectory import Trajectory
 
 _MEMBER = "metadata"
@@ -52,7 +52,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     values = np.array(
         [as_numbers(path, pose, (7,), "a pose", n) for n, pose in enumerate(entries, start=1)]
     )
-    rows = Rows(path, [[] for _ in entries], list(range(1, len(entries) + 1)))
+    rows = Rows.numbered(path, len(entries))
     poses = conventions.world_from_arcam(poses_of(rows, values[:, 4:7], values[:, :4]))
     times = _find_times(path, metadata, len(rows))
     is_timed = times is not None or options.rate_hz is not None

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.tables import all_numbers, format_rows, head_rows, is_number, parse_rows, to_ticks
 from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.headed import build_timed
-from vioapr.formats.poses import require_times
-from vioapr.formats.table import (
-    all_numbers,
-    format_rows,
-    head_rows,
-    is_number,
-    parse_rows,
-    pose_columns,
-    to_ticks,
-)
+from vioapr.formats.poses import pose_columns, require_times
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp_us,status,tx,ty,tz,qx,qy,qz,qw,w,h,fx,fy,cx,cy"

@@ -8,12 +8,12 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, ParameterError, UnreadableError
+from vioapr.errors import FileMissingError, FormatError, ParameterError, UnreadableError
+from vioapr.files.tables import Rows, format_rows, parse_rows
 from vioapr.files.text import is_folder, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import rigid_of_matrices
-from vioapr.formats.table import Rows, format_rows, parse_rows
 from vioapr.trajectory import Trajectory
 
 _POSE_SUFFIX, _IMAGE_SUFFIX = ".pose.txt", ".color.png"
@@ -33,7 +33,7 @@ def sniff(path: Path, head: bytes) -> float:
     del head
     try:
         return 1.0 if is_folder(path) and _find_poses(path) else 0.0
-    except FormatError:
+    except UnreadableError:
         return 0.0
 
 
@@ -49,15 +49,17 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """
     files = _find_poses(path)
     if not files:
-        found = "nothing of this name" if not path.exists() else "none"
-        raise FormatError(path, f"expected a folder of frame-XXXXXX{_POSE_SUFFIX}, found {found}")
+        wanted = f"expected a folder of frame-XXXXXX{_POSE_SUFFIX}"
+        if not path.exists():
+            raise FileMissingError(path, f"{wanted}, found nothing of this name")
+        raise FormatError(path, f"{wanted}, found none")
     matrices = np.array([_read_matrix(file) for file in files])
     prefix = f"{path.name}/" if re.fullmatch(r"seq-?\d+", path.name) else ""
     names = [
         prefix + file.relative_to(path).as_posix().removesuffix(_POSE_SUFFIX) + _IMAGE_SUFFIX
         for file in files
     ]
-    rows = Rows(path, [[name] for name in names], list(range(1, len(names) + 1)))
+    rows = Rows.numbered(path, len(names))
     return build_named(rows, names, rigid_of_matrices(rows, matrices), options)
 
 
@@ -66,7 +68,7 @@ def _read_matrix(path: Path) -> NDArray[np.float64]:
     if len(rows) != 4:
         raise FormatError(path, f"expected a 4x4 matrix, got {len(rows)} rows")
     matrix = rows.numbers(slice(0, 4))
-    rigid_of_matrices(Rows(path, rows.fields[:1], [1]), matrix[None])
+    rigid_of_matrices(Rows.numbered(path, 1), matrix[None])
     return matrix
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.files.tables import Rows, read_headed_csv
 from vioapr.files.text import write_text
-from vioapr.formats.table import Rows, read_headed_csv
 from vioapr.trajectory import Trajectory, nearest_rows
 
 COLUMNS = ("timestamp_s", "sigma_position_m", "sigma_orientation_deg")

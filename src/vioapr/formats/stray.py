@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.tables import format_rows, read_headed_csv
 from vioapr.files.text import write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.headed import POSE_COLUMNS, build_timed
-from vioapr.formats.poses import require_times
-from vioapr.formats.table import format_rows, pose_columns, read_headed_csv
+from vioapr.formats.poses import pose_columns, require_times
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = ("timestamp", "frame", *POSE_COLUMNS)

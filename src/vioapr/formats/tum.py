@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_numbers
 from vioapr.files.text import has_suffix, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.poses import build_trajectory, poses_of, require_times
-from vioapr.formats.table import all_numbers, format_rows, head_rows, parse_numbers, pose_columns
+from vioapr.formats.poses import build_trajectory, pose_columns, poses_of, require_times
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp x y z qx qy qz qw"

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vioapr.files.tables import parse_rows
 from vioapr.files.text import read_text
-from vioapr.formats.table import parse_rows
 from vioapr.importers.base import Walk
 from vioapr.importers.device import GRAVITY_M_S2
 from vioapr.importers.diagnostics import accelerometer_off_deg

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from vioapr.files.images import IMAGE_SUFFIXES
-from vioapr.files.jsons import as_numbers, get_list, load_object
 from vioapr.files.text import read_text
 from vioapr.formats import nerfstudio
 from vioapr.formats.base import ReadOptions
@@ -25,6 +24,7 @@ from vioapr.importers.base import (
 from vioapr.importers.diagnostics import turn_y_up
 from vioapr.scene.frames import Intrinsics
 from vioapr.scene.info import RecordingInfo
+from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 
 _FILE = "transforms.json"
 _DEFAULT_RATE_HZ = 1.0

@@ -11,7 +11,6 @@ import numpy as np
 
 from vioapr.errors import FormatError
 from vioapr.files.images import IMAGE_SUFFIXES
-from vioapr.files.jsons import as_numbers, load_object
 from vioapr.files.text import natural_key
 from vioapr.formats import record3d
 from vioapr.formats.base import ReadOptions
@@ -28,6 +27,7 @@ from vioapr.importers.base import (
 )
 from vioapr.scene.frames import Intrinsics
 from vioapr.scene.info import RecordingInfo
+from vioapr.schemas.foreign_json import as_numbers, load_object
 
 _METADATA = ("metadata", "metadata.json")
 _IMAGE_FOLDERS = ("rgbd", "rgb")

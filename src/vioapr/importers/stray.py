@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.files.tables import Rows, parse_rows, read_headed_csv
 from vioapr.files.text import read_text
 from vioapr.formats import stray
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.headed import POSE_COLUMNS
-from vioapr.formats.table import Rows, parse_rows, read_headed_csv
 from vioapr.importers.base import (
     Image,
     ImportedScene,

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vioapr.files.append_table import Block, Problem, read_blocks, to_numbers
+from vioapr.files.append_table import Problem, finite_numbers, read_blocks
+from vioapr.files.tables import Rows
 from vioapr.formats.poses import MAX_DISTANCE_M, MAX_TIME_S
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import UNIT_TOLERANCE, Trajectory
@@ -171,7 +172,7 @@ def read_frame_blocks(path: Path, problems: list[Problem]) -> Iterator[Frames]:
     """
     latest_s = -np.inf
     for block in read_blocks(path, HEADER, problems):
-        block, values = to_numbers(path, block, _NUMBERS, problems)
+        block, values = finite_numbers(block, _NUMBERS, problems)
         labels = [row[_TRACKING] for row in block.fields]
         tracking = np.array([_TRACKING_OF_LABEL.get(label, 255) for label in labels])
         found = _find_problems(block, values, tracking, latest_s)
@@ -201,7 +202,7 @@ def _build(
 
 
 def _find_problems(
-    block: Block, values: NDArray[np.float64], tracking: NDArray, latest_s: float
+    block: Rows, values: NDArray[np.float64], tracking: NDArray, latest_s: float
 ) -> list[tuple[int, str]]:
     """What is wrong with each row of a block, at most one problem a row."""
     found: dict[int, str] = {}

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vioapr.errors import FormatError
-from vioapr.files.jsons import load_object
 from vioapr.files.text import read_text, write_text
+from vioapr.schemas.foreign_json import load_object
 
 FORMAT = "vioapr recording"
 VERSION = 1

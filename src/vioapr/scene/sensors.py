@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.files.append_table import Problem, read_blocks, to_numbers
+from vioapr.files.append_table import Problem, finite_numbers, read_blocks
 
 IMU_HEADER = "timestamp_s,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s"
 GNSS_HEADER = (
@@ -120,7 +120,7 @@ def _read(
     names = header.split(",")
     parts, latest_s = [np.zeros((0, len(names)))], -np.inf
     for block in read_blocks(path, header, problems):
-        block, values = to_numbers(path, block, range(len(names)), problems)
+        block, values = finite_numbers(block, range(len(names)), problems)
         found = _find_problems(values, names, required, limits or {}, latest_s)
         problems += [Problem(path, block.lines[row], text) for row, text in sorted(found.items())]
         values = np.delete(values, list(found), axis=0)

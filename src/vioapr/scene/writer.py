@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vioapr.errors import ParameterError, UnwritableError
-from vioapr.files.append_table import AppendTable, format_field
+from vioapr.files.append_table import AppendTable
 from vioapr.files.images import copy_image, encode_image, write_image
+from vioapr.files.tables import format_field
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene import sensors
 from vioapr.scene.frames import HEADER, Frames, Intrinsics, Tracking, find_name_problem

@@ -1,4 +1,4 @@
-"""Text tables: splitting, checking and writing rows."""
+"""Text tables: splitting and checking rows, their fields as numbers, and writing them."""
 
 from __future__ import annotations
 
@@ -12,24 +12,29 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.text import read_text
-from vioapr.geometry.rigid import Rigid3
 
 _PART_ROWS, _PART_CHARACTERS = 4096, 1 << 20
+_SNIFFED_ROWS, _SNIFFED_BYTES = 20, 16384
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a text table, with the place of each for messages.
+    """Rows of a file, with the place of each for messages.
 
     Attributes:
         path: The file.
-        fields: The fields of each row.
+        fields: The fields of each row as text.
         lines: The 1-based line number of each row.
     """
 
     path: Path
     fields: list[list[str]]
     lines: list[int]
+
+    @staticmethod
+    def numbered(path: Path, count: int) -> Rows:
+        """Entries of a file that is no table, counted from 1; they have no fields."""
+        return Rows(path, [[] for _ in range(count)], list(range(1, count + 1)))
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -67,8 +72,9 @@ class Rows:
                 values[row] = int(field) / per_second
         return values
 
-    def at(self, keep: Sequence[int]) -> Rows:
-        """Some of the rows."""
+    def at(self, keep: Iterable[int]) -> Rows:
+        """Some of the rows, by index."""
+        keep = list(keep)
         return Rows(self.path, [self.fields[i] for i in keep], [self.lines[i] for i in keep])
 
 
@@ -79,6 +85,42 @@ def is_number(field: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def split_rows(
+    path: Path,
+    text: str,
+    columns: range,
+    *,
+    what: str,
+    delimiter: str | None = None,
+    comment: str = "#",
+    skip: int = 0,
+) -> Iterator[tuple[int, list[str]]]:
+    """Split a text table row by row, checking the number of columns; see `parse_rows`.
+
+    Yields:
+        The 1-based line number and the fields of each row.
+
+    Raises:
+        FormatError: A row has another number of columns, naming its line.
+    """
+    number = start = 0
+    while start < len(text):
+        # Some of the text at a time: its lines would take as much room again.
+        end = text.find("\n", start + _PART_CHARACTERS) + 1 or len(text)
+        for line in text[start:end].splitlines():
+            number += 1
+            stripped = line.strip()
+            if number <= skip or not stripped or (comment and stripped.startswith(comment)):
+                continue
+            row = [field.strip() for field in stripped.split(delimiter)]
+            if len(row) not in columns:
+                wanted = f"{columns[0]}" if len(columns) == 1 else f"{columns[0]} to {columns[-1]}"
+                problem = f"expected {wanted} columns ({what}), got {len(row)}"
+                raise FormatError(path, problem, number)
+            yield number, row
+        start = end
 
 
 def parse_rows(
@@ -105,13 +147,15 @@ def parse_rows(
     Raises:
         FormatError: No rows, or a row with another number of columns, naming its line.
     """
-    fields, lines = [], []
-    for number, row in _split(path, text, columns, what, delimiter, comment, skip):
-        fields.append(row)
-        lines.append(number)
-    if not fields:
+    rows = Rows(path, [], [])
+    for number, row in split_rows(
+        path, text, columns, what=what, delimiter=delimiter, comment=comment, skip=skip
+    ):
+        rows.fields.append(row)
+        rows.lines.append(number)
+    if not len(rows):
         raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
-    return Rows(path, fields, lines)
+    return rows
 
 
 def parse_numbers(
@@ -127,7 +171,7 @@ def parse_numbers(
     """
     lines: list[int] = []
     parts: list[NDArray[np.float64]] = []
-    rows = _split(path, text, columns, what, None, "#", 0)
+    rows = split_rows(path, text, columns, what=what)
     while part := list(itertools.islice(rows, _PART_ROWS)):
         numbers, fields = zip(*part, strict=True)
         parts.append(Rows(path, list(fields), list(numbers)).numbers(slice(None)))
@@ -137,36 +181,6 @@ def parse_numbers(
     return Rows(path, [[]] * len(lines), lines), np.concatenate(parts)
 
 
-def _split(
-    path: Path,
-    text: str,
-    columns: range,
-    what: str,
-    delimiter: str | None,
-    comment: str,
-    skip: int,
-) -> Iterator[tuple[int, list[str]]]:
-    """Line number and fields of each row."""
-    for number, line in enumerate(_lines(text), start=1):
-        stripped = line.strip()
-        if number <= skip or not stripped or (comment and stripped.startswith(comment)):
-            continue
-        row = [field.strip() for field in stripped.split(delimiter)]
-        if len(row) not in columns:
-            expected = f"{columns[0]}" if len(columns) == 1 else f"{columns[0]} to {columns[-1]}"
-            raise FormatError(path, f"expected {expected} columns ({what}), got {len(row)}", number)
-        yield number, row
-
-
-def _lines(text: str) -> Iterator[str]:
-    """The lines of a text, some at a time."""
-    start = 0
-    while start < len(text):
-        end = text.find("\n", start + _PART_CHARACTERS) + 1 or len(text)
-        yield from text[start:end].splitlines()
-        start = end
-
-
 def read_headed_csv(path: Path, required: Sequence[str]) -> Rows:
     """Read a comma-separated table whose first line names its columns.
 
@@ -174,6 +188,8 @@ def read_headed_csv(path: Path, required: Sequence[str]) -> Rows:
         Rows of the required columns, in the order asked for.
 
     Raises:
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
         FormatError: As `parse_rows`, or a required column is missing.
     """
     text = read_text(path)
@@ -193,42 +209,35 @@ def read_headed_csv(path: Path, required: Sequence[str]) -> Rows:
 
 def to_ticks(timestamp_s: NDArray[np.float64], per_second: int) -> list[int]:
     """Seconds as whole ticks of a clock, without the rounding of a product of doubles."""
-    ticks = []
-    for time in timestamp_s.tolist():
-        numerator, denominator = time.as_integer_ratio()
+    ticks: list[int] = []
+    for time_s in timestamp_s.tolist():
+        numerator, denominator = time_s.as_integer_ratio()
         ticks.append((2 * numerator * per_second + denominator) // (2 * denominator))
     return ticks
 
 
+def format_field(value: object) -> str:
+    """A value as a field: floats with all their digits, None and NaN as nothing."""
+    if isinstance(value, float):
+        return "" if value != value else float.__repr__(value)
+    return "" if value is None else str(value)
+
+
 def format_rows(rows: Iterable[Iterable[object]], separator: str) -> str:
     """Lines of text, floats with all their digits so that reading gives the same doubles."""
-    return "".join(
-        separator.join(repr(v) if isinstance(v, float) else str(v) for v in row) + "\n"
-        for row in rows
-    )
-
-
-def pose_columns(poses: Rigid3, order: Sequence[int] = (0, 1, 2, 3)) -> list[list[float]]:
-    """Position and quaternion of each pose as plain floats, 7 a pose.
-
-    Args:
-        poses: Shape (n,).
-        order: The quaternion's components in the file, as indices of xyzw: wxyz is
-            (3, 0, 1, 2).
-    """
-    quats = poses.quat_xyzw[:, list(order)]
-    return np.column_stack([poses.translation_m, quats]).tolist()
+    return "".join(separator.join(map(format_field, row)) + "\n" for row in rows)
 
 
 def head_rows(head: bytes, delimiter: str | None = None, comment: str = "#") -> list[list[str]]:
     """The first few complete rows of a file's first bytes, for sniffing; [] if not text."""
     if b"\0" in head:
         return []
-    lines = head[:16384].decode("utf-8", "replace").splitlines()
+    lines = head[:_SNIFFED_BYTES].decode("utf-8", "replace").splitlines()
     # The last line may be cut off by the limit.
-    lines = lines[:-1] if len(head) > 16384 else lines
+    lines = lines[:-1] if len(head) > _SNIFFED_BYTES else lines
     rows = [[field.strip() for field in line.split(delimiter)] for line in lines if line.strip()]
-    return [row for row in rows if not (comment and row and row[0].startswith(comment))][:20]
+    rows = [row for row in rows if not (comment and row and row[0].startswith(comment))]
+    return rows[:_SNIFFED_ROWS]
 
 
 def all_numbers(rows: list[list[str]], widths: range) -> bool:

@@ -1,8 +1,11 @@
-"""JSON files: loading, and checking that parts of them are what they should be."""
+"""JSON files of other programs, of which only a few members matter: objects, lists and arrays.
+
+Files of ours are records, see `vioapr.schemas.base`. Here an error names the entry of a list, as
+a line is named in a table.
+"""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.schemas.base import parse_json
 
 
 def load_object(path: Path, text: str) -> dict[str, Any]:
@@ -18,12 +22,7 @@ def load_object(path: Path, text: str) -> dict[str, Any]:
     Raises:
         FormatError: Not JSON, or not an object.
     """
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise FormatError(path, f"expected JSON: {error.msg}", error.lineno) from None
-    except (ValueError, RecursionError) as error:  # numbers too long, or nested too deep
-        raise FormatError(path, f"expected JSON that can be read: {error}") from None
+    value = parse_json(path, text)
     if not isinstance(value, dict):
         raise FormatError(path, f"expected a JSON object, got {_kind(value)}")
     return value
