@@ -18,11 +18,12 @@ from rich.console import Console
 
 from vioapr.cli.console import progress
 from vioapr.cli.evaluate import print_tables
+from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
 from vioapr.evaluation.tables import Group, group_results, to_json
-from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.fusion.methods import METHODS
 from vioapr.report.formatting import format_levels, format_median, format_p95, format_share
+from vioapr.scene.walks import find_walks
 
 DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
 

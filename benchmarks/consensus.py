@@ -22,14 +22,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from vioapr.cli.console import progress
+from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases
-from vioapr.evaluation.walks import Case, find_walks, load_cases
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import FusedWalk, fuse_walks
 from vioapr.fusion.smoothing import smooth_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry import rigid
+from vioapr.scene.walks import find_walks
 
 DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
 TAIL_DEGREES = 2

@@ -25,14 +25,15 @@ from consensus import DOCS, by_group, errors_of, figures_of, run_consensus
 from numpy.typing import NDArray
 
 from vioapr.cli.console import progress
+from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases
-from vioapr.evaluation.walks import Case, WalkFolder, find_walks
 from vioapr.formats.registry import read_trajectory
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.types import Status
 from vioapr.geometry.frames import cam_from_arcam, z_up_from_y_up
 from vioapr.geometry.rigid import Rigid3
+from vioapr.scene.walks import WalkFiles, find_walks
 from vioapr.simulation.walks import simulate_walk, track
 from vioapr.trajectory import Trajectory
 
@@ -54,7 +55,7 @@ def make_case(key: tuple[str, str, str, str], apr: Trajectory, vio: Trajectory, 
     return Case(*key, frames, gt.target_from_source.at(rows))
 
 
-def redrawn_cases(walks: list[WalkFolder], seed: int, draws: int) -> Iterator[Case]:
+def redrawn_cases(walks: list[WalkFiles], seed: int, draws: int) -> Iterator[Case]:
     """The benchmark's predictions with phones' odometries of other seeds."""
     for number, walk in enumerate(walks):
         gt = read_trajectory(walk.gt)
@@ -114,9 +115,7 @@ def arkit_cases(data: Path, seed: int, draws: int) -> Iterator[Case]:
                 yield make_case(("ADVIO", walk, f"arkit{draw}", name), apr, vio, gt)
 
 
-def _draw_errors(
-    rng: np.random.Generator, walks: list[WalkFolder], name: str, count: int
-) -> Rigid3:
+def _draw_errors(rng: np.random.Generator, walks: list[WalkFiles], name: str, count: int) -> Rigid3:
     """Of a regressor, gt_cam_from_apr_cam, in blocks of consecutive frames."""
     blocks = []
     while len(blocks) * BLOCK < count:

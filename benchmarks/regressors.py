@@ -32,12 +32,13 @@ from mapping import redkitchen_rows, write_redkitchen
 from vioapr.cli.console import progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.cli.main import main as vioapr
+from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
 from vioapr.evaluation.tables import group_results, to_json
-from vioapr.evaluation.walks import Case, find_walks, load_cases
 from vioapr.fusion.methods import METHODS
 from vioapr.geometry import quaternion
 from vioapr.scene.scene import Scene, World
+from vioapr.scene.walks import find_walks
 from vioapr.trajectory import Trajectory
 
 DOCS = Path(__file__).parents[1] / "docs" / "accuracy.md"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vioapr.cli import main
-from vioapr.formats import tum
+from vioapr.scene.walks import write_walk
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 
@@ -44,8 +44,5 @@ def walk_dir(tmp_path):
     """A folder Set/walk with a walk's files."""
     walk = simulate_walk(WalkParams(duration_s=30), seed=4)
     folder = tmp_path / "Set" / "walk"
-    folder.mkdir(parents=True)
-    tum.write(folder / "gt.tum", walk.gt)
-    tum.write(folder / "vio_sim.tum", walk.vio)
-    tum.write(folder / "apr_net.tum", walk.apr)
+    write_walk(folder, gt=walk.gt, vios={"sim": walk.vio}, aprs={"net": walk.apr})
     return folder

@@ -2,10 +2,11 @@
 
 import pytest
 
+from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import evaluate_cases
 from vioapr.evaluation.tables import group_results
-from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.fusion.vio_apr import VioAprParams
+from vioapr.scene.walks import find_walks
 
 REFERENCE = {
     # set, odometry, regressor: median m, median deg, share of frames

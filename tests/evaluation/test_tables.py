@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 
+from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
 from vioapr.evaluation.metrics import summarize
 from vioapr.evaluation.tables import CSV_COLUMNS, group_results, to_csv, to_json
-from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.types import Status
+from vioapr.scene.walks import find_walks
 
 METHODS = ("apr", "vio", "vio-apr")
 

@@ -6,7 +6,7 @@ import pytest
 from vioapr.errors import AssociationError, FormatError, ParameterError
 from vioapr.evaluation.vio_quality import VioQualityParams, align_track, analyze, pairs_apart
 from vioapr.evaluation.vio_tables import share_within, steady, to_json
-from vioapr.evaluation.vio_tracks import VioTrack, find_walks, make_track
+from vioapr.evaluation.vio_tracks import VioTrack, find_vio_walks, make_track
 from vioapr.formats import tum
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
@@ -218,21 +218,21 @@ def test_walks_are_found_by_folder_beginning_and_file(tmp_path):
         path = folder / f"{name}.tum"
         path.parent.mkdir(parents=True, exist_ok=True)
         tum.write(path, gt)
-    found = [walk.read(0.01) for walk in find_walks([folder])]
+    found = [walk.read(0.01) for walk in find_vio_walks([folder])]
     names = [[(t.set_name, t.walk, t.vio) for t in tracks] for tracks in found]
     assert names == [[("Set", "a", "arkit"), ("Set", "a", "core")], [("Set", "walk", "x")]]
-    assert len(find_walks([folder / "a"])) == len(find_walks([folder / "a_gt.tum"])) == 1
+    assert len(find_vio_walks([folder / "a"])) == len(find_vio_walks([folder / "a_gt.tum"])) == 1
     with pytest.raises(FormatError, match="expected a scene, or walks"):
-        find_walks([folder / "b"])
-    with pytest.raises(ParameterError, match="PATHS"):
-        find_walks([])
+        find_vio_walks([folder / "b"])
+    with pytest.raises(ParameterError, match="paths"):
+        find_vio_walks([])
 
 
 def test_scenes_are_read_with_their_tracking_worlds(tmp_path):
     gt = circle(count=20)
     scene = Scene.create(tmp_path / "scene", "Yard", is_outdoor=True)
     with pytest.raises(FormatError, match="make it with vioapr map"):
-        find_walks([scene.folder])
+        find_vio_walks([scene.folder])
     states = [Tracking.NORMAL] * 20
     states[8], states[9] = Tracking.LOST, Tracking.RESET
     vio = as_vio(gt)
@@ -242,7 +242,7 @@ def test_scenes_are_read_with_their_tracking_worlds(tmp_path):
             pose = None if state == Tracking.LOST else vio.at(row)
             writer.add_frame(gt.timestamp_s[row], "", None, state, pose, Intrinsics())
     scene.write_gt("walk", gt)
-    ((track,),) = (walk.read(0.01) for walk in find_walks([scene.folder]))
+    ((track,),) = (walk.read(0.01) for walk in find_vio_walks([scene.folder]))
     assert track.title == "Yard/walk arkit"
     assert (len(track), track.frames_lost) == (19, 1)
     assert track.tracking_world.tolist() == [0] * 8 + [1] * 11
@@ -261,7 +261,7 @@ def test_scenes_are_read_with_their_tracking_worlds(tmp_path):
 )
 def test_euroc_figures(data_dir, walk, kind, ate_m, share):
     """As that folder's README states them."""
-    tracks = find_walks([data_dir / "euroc_vio" / walk])[0].read(0.01)
+    tracks = find_vio_walks([data_dir / "euroc_vio" / walk])[0].read(0.01)
     quality = analyze(next(track for track in tracks if track.vio == kind))
     assert quality.ate_m == pytest.approx(ate_m, rel=0.05)
     assert quality.share_within == pytest.approx(share, abs=0.01)
@@ -269,10 +269,10 @@ def test_euroc_figures(data_dir, walk, kind, ate_m, share):
 
 
 def test_advio_figures(data_dir):
-    ((track,),) = (w.read(0.01) for w in find_walks([data_dir / "advio/tum10hz/advio-18"]))
+    ((track,),) = (w.read(0.01) for w in find_vio_walks([data_dir / "advio/tum10hz/advio-18"]))
     quality = analyze(track)
     assert quality.ate_m == pytest.approx(0.654, rel=0.01)
     assert quality.diverges_at_s is None
     # These walks begin straight: positions alone turn them over (16 m and 170 deg).
-    ((track,),) = (w.read(0.01) for w in find_walks([data_dir / "advio/tum10hz/advio-12"]))
+    ((track,),) = (w.read(0.01) for w in find_vio_walks([data_dir / "advio/tum10hz/advio-12"]))
     assert np.median(analyze(track).errors.position_m) < 2

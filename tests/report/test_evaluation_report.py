@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from vioapr.errors import FormatError
+from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import evaluate_cases
 from vioapr.evaluation.metrics import PoseErrors, summarize
 from vioapr.evaluation.tables import group_results
-from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.report.evaluation_report import count_report_ticks, write_report
 from vioapr.report.formatting import format_levels, format_median, format_p95, format_share
+from vioapr.scene.walks import find_walks
 
 PARAMS = {name: get_method(name).params_type() for name in ("apr", "vio", "vio-apr")}
 VOID = {"meta", "img", "br", "hr", "link", "input"}

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from vioapr.errors import FormatError
+from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import evaluate_cases
 from vioapr.evaluation.metrics import PoseErrors, Summary
 from vioapr.evaluation.tables import group_results
-from vioapr.evaluation.walks import Case, find_walks, load_cases
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.types import Status
@@ -16,6 +16,7 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.report import figures
 from vioapr.report.formatting import format_error, format_levels, format_median, format_share
 from vioapr.report.style import MAX_POINTS, method_colors, render, thin
+from vioapr.scene.walks import find_walks
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 METHODS = ("apr", "vio", "vio-apr")

@@ -15,9 +15,9 @@ from rich.table import Table
 
 from vioapr.cli.console import console, progress
 from vioapr.cli.method_params import MethodParams, parse_methods
+from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
 from vioapr.evaluation.tables import Group, Row, group_results, to_csv, to_json
-from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.files.text import write_text
 from vioapr.fusion.offline import View
 from vioapr.report.evaluation_report import count_report_ticks, write_report
@@ -28,6 +28,7 @@ from vioapr.report.formatting import (
     format_share,
     format_walks,
 )
+from vioapr.scene.walks import find_walks
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 _WIDE = 140

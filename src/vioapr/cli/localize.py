@@ -13,9 +13,9 @@ from vioapr.cli.console import console, progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.cli.fuse import to_csv
 from vioapr.errors import ParameterError
+from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases, judge
 from vioapr.evaluation.tables import Group, group_results
-from vioapr.evaluation.walks import Case
 from vioapr.files.text import write_text
 from vioapr.formats.registry import read_trajectory
 from vioapr.fusion.methods import get_method

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from vioapr.cli.console import console, progress
-from vioapr.errors import ParameterError, UnwritableError
-from vioapr.formats import tum
+from vioapr.errors import ParameterError
+from vioapr.scene.walks import write_walk
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 
@@ -26,17 +26,8 @@ def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:
         raise ParameterError(f"--seed: expected a number of at least 0, got {seed}")
     with progress("simulating walks", walks) as tick:
         for index in range(walks):
-            _write_walk(out / f"walk{index + 1:02d}", seed + index)
+            walk = simulate_walk(WalkParams(), seed + index)
+            folder = out / f"walk{index + 1:02d}"
+            write_walk(folder, gt=walk.gt, vios={"sim": walk.vio}, aprs={"simulated": walk.apr})
             tick()
     console.print(f"evaluate them: vioapr evaluate {out}", soft_wrap=True, markup=False)
-
-
-def _write_walk(folder: Path, seed: int) -> None:
-    walk = simulate_walk(WalkParams(), seed)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UnwritableError.of(folder, error) from None
-    tum.write(folder / "gt.tum", walk.gt)
-    tum.write(folder / "vio_sim.tum", walk.vio)
-    tum.write(folder / "apr_simulated.tum", walk.apr)

@@ -13,7 +13,7 @@ from vioapr.cli.console import console, progress
 from vioapr.evaluation.metrics import PoseErrors, summarize
 from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
 from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_json
-from vioapr.evaluation.vio_tracks import find_walks
+from vioapr.evaluation.vio_tracks import find_vio_walks
 from vioapr.files.text import write_bytes, write_text
 from vioapr.geometry.relative import RelativeGap
 from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
@@ -43,7 +43,7 @@ def vio_quality(
         tolerance_s: Largest difference of timestamps within a frame, s.
         params: What is compared.
     """
-    walks = find_walks(paths)
+    walks = find_vio_walks(paths)
     qualities = []
     with progress("comparing walks", len(walks)) as tick:
         for walk in walks:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vioapr.evaluation.cases import Case
 from vioapr.evaluation.metrics import PoseErrors, pose_errors
-from vioapr.evaluation.walks import Case
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import FusedWalk, View, fuse_walks
 from vioapr.fusion.types import Status

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError, ParameterError
-from vioapr.files.text import natural_key
 from vioapr.formats.registry import read_trajectory
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.scene import SCENE_FILE, Scene
+from vioapr.scene.walks import WalkFiles, walks_at
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate, nearest_rows
 
 MAX_GT_GAP_S = 0.25
@@ -139,22 +139,27 @@ def _interpolate_gt(
     return rows, poses
 
 
-def find_walks(paths: Sequence[Path]) -> list[VioWalk]:
+def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
     """All walks at or below the given paths, in natural order.
 
-    A path is a scene (its recordings that have ground truth), or a folder of walks: either
-    folders with `gt.*` and `vio_<name>.*`, or files with a common beginning, `<walk>_gt.*`
-    beside `<walk>_<name>.*`. A path may be that beginning itself, e.g. `tum10hz/advio-18`.
-    Files `apr_*` are not odometry.
+    A path is a scene (its recordings that have ground truth), or one that `scene.walks.walks_at`
+    takes.
 
     Raises:
         VioAprError: No path is given, or one holds no walk.
     """
     if not paths:
-        raise ParameterError("PATHS: expected at least one scene or folder of walks, got none")
+        raise ParameterError("paths: expected at least one scene or folder of walks, got none")
     found: dict[Path, VioWalk] = {}
     for path in paths:
-        walks = _scene_walks(path) if (path / SCENE_FILE).is_file() else list(_search(path))
+        if (path / SCENE_FILE).is_file():
+            walks = _scene_walks(path)
+        else:
+            walks = [
+                VioWalk(files.gt, partial(_read_files, files))
+                for files in walks_at(path)
+                if files.vios
+            ]
         if not walks:
             raise FormatError(
                 path,
@@ -192,48 +197,11 @@ def _read_recording(scene: Scene, id_: str, tolerance_s: float) -> list[VioTrack
     ]  # fmt: skip
 
 
-def _search(path: Path) -> Iterator[VioWalk]:
-    if path.is_dir():
-        for folder in (path, *sorted(p for p in path.rglob("*") if p.is_dir())):
-            yield from (walk for _, walk in _walks_in(folder))
-    elif path.parent.is_dir():
-        for name, walk in _walks_in(path.parent):
-            if path.name == name or walk.gt == path:
-                yield walk
-
-
-def _walks_in(folder: Path) -> Iterator[tuple[str, VioWalk]]:
-    """Walks whose files are in this very folder, with their names."""
-    files = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
-    stems = {p: p.name.split(".")[0] for p in sorted(files, key=lambda p: natural_key(p.name))}
-    here = folder.resolve()
-    for gt, stem in stems.items():
-        if stem == "gt":
-            prefix, set_name, walk = "vio_", here.parent.name, here.name
-        elif stem.endswith("_gt"):
-            walk = stem.removesuffix("_gt")
-            prefix, set_name = f"{walk}_", here.name
-        else:
-            continue
-        names = {p: s.removeprefix(prefix) for p, s in stems.items() if s.startswith(prefix)}
-        vios = {
-            name.removeprefix("vio_"): p
-            for p, name in names.items()
-            if p != gt and not name.startswith("apr_") and not _is_sidecar(p)
-        }
-        if vios:
-            yield walk, VioWalk(gt, partial(_read_files, set_name, walk, gt, vios))
-
-
-def _is_sidecar(path: Path) -> bool:
-    return path.name.removesuffix(".gz").endswith((".sigma.csv", ".json"))
-
-
-def _read_files(
-    set_name: str, walk: str, gt_path: Path, vios: dict[str, Path], tolerance_s: float
-) -> list[VioTrack]:
-    gt = read_trajectory(gt_path)
+def _read_files(files: WalkFiles, tolerance_s: float) -> list[VioTrack]:
+    gt = read_trajectory(files.gt)
     return [
-        make_track(set_name, walk, name, read_trajectory(path), gt, tolerance_s=tolerance_s)
-        for name, path in vios.items()
+        make_track(
+            files.set_name, files.walk, name, read_trajectory(path), gt, tolerance_s=tolerance_s
+        )
+        for name, path in files.vios.items()
     ]

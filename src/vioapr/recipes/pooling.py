@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError
+from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import Result, evaluate_cases
 from vioapr.evaluation.metrics import PoseErrors, Summary, pose_errors, summarize
 from vioapr.evaluation.tables import SUBSETS
-from vioapr.evaluation.walks import find_walks, load_cases
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.types import Status
+from vioapr.scene.walks import find_walks
 from vioapr.trajectory import associate
 
 METHODS = ("vio-apr", "consensus")

@@ -11,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.formats import tum
-from vioapr.formats.sigma import Sigmas, write_sigmas_beside
+from vioapr.formats.sigma import Sigmas
 from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.cache import read_images
 from vioapr.regression.checkpoint import LoadedRegressor, load
 from vioapr.regression.networks import PoseNetwork
 from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import Scene
+from vioapr.scene.walks import write_walk, write_walk_of_recording
 from vioapr.trajectory import Trajectory
 
 
@@ -156,7 +156,7 @@ def predict_walks(
         scene: Whose recordings.
         ids: Which.
         folder: Each recording's files go into a folder of its own in this one.
-        name: Of the predictions' files, see `write_prediction`.
+        name: Of the predictions' files, `apr_<name>.tum`.
         batch_size: Images at once.
         tick: Called after every image.
 
@@ -167,39 +167,7 @@ def predict_walks(
         poses, predicted = predict_recording(
             regressor, scene, id_, batch_size=batch_size, tick=tick
         )
-        write_prediction(folder / id_, name, poses, predicted)
-        yield PredictedWalk(id_, predicted.scene, write_walk(folder / id_, scene, id_))
-
-
-def write_prediction(folder: Path, name: str, poses: Trajectory, predicted: Predicted) -> Path:
-    """Write `apr_<name>.tum`, and the uncertainties beside it in `apr_<name>.sigma.csv`.
-
-    Raises:
-        FormatError: It cannot be written.
-    """
-    path = folder / f"apr_{name}.tum"
-    sigmas = Sigmas(predicted.sigma_position_m, np.degrees(predicted.sigma_orientation_rad))
-    folder.mkdir(parents=True, exist_ok=True)
-    tum.write(path, poses)
-    write_sigmas_beside(path, poses, sigmas)
-    return path
-
-
-def write_walk(folder: Path, scene: Scene, id_: str) -> bool:
-    """Put a recording's ground truth and VIO beside its predictions, as `evaluate` takes them.
-
-    Returns:
-        Whether it has both.
-
-    Raises:
-        FormatError: The recording is broken, or a file cannot be written.
-    """
-    recording, gt = scene.recording(id_), scene.gt(id_)
-    folder.mkdir(parents=True, exist_ok=True)
-    has_vio = bool(recording.frames.has_pose.any())
-    if has_vio:
-        tracker = "".join(c for c in recording.info.tracker.lower() if c.isalnum()) or "tracker"
-        tum.write(folder / f"vio_{tracker}.tum", recording.frames.to_trajectory())
-    if gt is not None:
-        tum.write(folder / "gt.tum", gt)
-    return has_vio and gt is not None
+        sigmas = Sigmas(predicted.sigma_position_m, np.degrees(predicted.sigma_orientation_rad))
+        write_walk(folder / id_, aprs={name: poses}, apr_sigmas={name: sigmas})
+        is_evaluable = write_walk_of_recording(folder / id_, scene, id_)
+        yield PredictedWalk(id_, predicted.scene, is_evaluable)

@@ -13,7 +13,7 @@ import numpy as np
 from vioapr.errors import FormatError
 from vioapr.evaluation.vio_quality import VioQuality, analyze
 from vioapr.evaluation.vio_tables import to_json
-from vioapr.evaluation.vio_tracks import find_walks
+from vioapr.evaluation.vio_tracks import find_vio_walks
 from vioapr.files.text import write_bytes, write_text
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
 from vioapr.report.figures.mapping import agreement_figure, map_figure
@@ -67,7 +67,7 @@ def write_map_report(
     folder = scene.map_folder / REPORT_FOLDER
     qualities = [
         analyze(track)
-        for walk in find_walks([scene.folder])
+        for walk in find_vio_walks([scene.folder])
         for track in walk.read(DEFAULT_TOLERANCE_S)
     ]
     write_text(folder / "vio.json", json.dumps(to_json(qualities), indent=1) + "\n")

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import Result
 from vioapr.evaluation.tables import Group
-from vioapr.evaluation.walks import Case
 from vioapr.report.style import RAW, Array1, method_colors
 
 _NAME_LENGTH = 24

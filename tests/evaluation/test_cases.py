@@ -2,20 +2,10 @@ import numpy as np
 import pytest
 
 from vioapr.errors import AssociationError, FormatError
-from vioapr.evaluation.walks import find_walks, load_cases
+from vioapr.evaluation.cases import load_cases
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
-
-
-def test_walks_are_found_below_any_path(walks_dir):
-    found = find_walks([walks_dir])
-    assert [(w.set_name, w.walk) for w in found] == [
-        ("SetA", "walk1"), ("SetA", "walk2"), ("SetB", "walk1"),
-    ]  # fmt: skip
-    assert list(found[0].vios) == ["sim0", "sim1"]
-    assert list(found[0].aprs) == ["bad", "good"]
-    only = find_walks([walks_dir / "SetB" / "walk1", walks_dir / "SetB"])
-    assert [(w.set_name, w.walk) for w in only] == [("SetB", "walk1")]
+from vioapr.scene.walks import find_walks
 
 
 def test_cases_are_all_combinations(walks_dir):
@@ -36,7 +26,7 @@ def test_the_draw_is_a_number_at_the_end_only(walks_dir):
     assert replace(case, vio="t265_left").group[1] == "t265_left"
 
 
-def test_frames_without_ground_truth_are_fused_but_not_judged(walks_dir, tmp_path):
+def test_frames_without_ground_truth_are_fused_but_not_evaluated(walks_dir, tmp_path):
     source, walk = walks_dir / "SetB" / "walk1", tmp_path / "set" / "walk"
     walk.mkdir(parents=True)
     for name in ("vio_sim0.tum", "apr_good.tum"):
@@ -47,30 +37,6 @@ def test_frames_without_ground_truth_are_fused_but_not_judged(walks_dir, tmp_pat
     assert len(case.frames) == len(gt)
     assert case.has_gt.tolist() == [True, False] * (len(gt) // 2)
     assert np.isnan(case.gt_world_from_cam.translation_m[1]).all()
-
-
-def test_missing_and_empty_folders_are_named(tmp_path):
-    with pytest.raises(FormatError, match="nowhere: expected a folder with walks, got nothing"):
-        find_walks([tmp_path / "nowhere"])
-    with pytest.raises(FormatError, match="expected walks: folders with a file gt"):
-        find_walks([tmp_path])
-    (tmp_path / "gt.tum").touch()
-    with pytest.raises(FormatError, match="got a file"):
-        find_walks([tmp_path / "gt.tum"])
-
-
-def test_two_ground_truths_are_refused(walks_dir, tmp_path):
-    for name in ("gt.tum", "gt.csv", "vio_a.tum", "apr_a.tum"):
-        (tmp_path / name).touch()
-    with pytest.raises(FormatError, match="expected one ground truth file"):
-        find_walks([tmp_path])
-
-
-def test_two_files_of_one_name_are_refused(tmp_path):
-    for name in ("gt.tum", "vio_a.tum", "vio_a.csv", "apr_a.tum"):
-        (tmp_path / name).touch()
-    with pytest.raises(FormatError, match="expected one file of this name"):
-        find_walks([tmp_path])
 
 
 def test_walks_whose_times_do_not_meet_name_the_files(walks_dir, tmp_path):
