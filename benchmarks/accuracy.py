@@ -1,4 +1,4 @@
-"""Accuracy of every method on the benchmark of real predictions; writes docs/accuracy.md's table.
+"""Accuracy of every method on the benchmark of real predictions; writes docs/results/accuracy.md.
 
     VIOAPR_DATA=... python benchmarks/accuracy.py [--json FILE] [--update-docs]
 
@@ -25,7 +25,7 @@ from vioapr.fusion.methods import METHODS
 from vioapr.report.formatting import format_levels, format_median, format_p95, format_share
 from vioapr.scene.walks import find_walks
 
-DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
+DOCS = Path(__file__).parent.parent / "docs" / "results" / "accuracy.md"
 
 
 def markdown(groups: list[Group]) -> str:

@@ -6,9 +6,12 @@ import importlib.metadata
 import json
 import os
 import platform
+import shlex
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -65,9 +68,32 @@ def write_json(path: Path, results: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
 
 
-def replace_section(path: Path, name: str, text: str) -> None:
-    """Put a text between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a file."""
+def replace_section(path: Path, name: str, text: str, settings: str = "") -> None:
+    """Put a table between the markers `<!-- begin NAME -->` and `<!-- end NAME -->` of a file.
+
+    Above it stands when, where and how it was measured.
+
+    Args:
+        path: One of docs/results/.
+        name: The section's.
+        text: Markdown, ending in a newline.
+        settings: What cannot be seen from the command line.
+    """
     begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->\n"
     whole = path.read_text(encoding="utf-8")
     head, tail = whole.split(begin)[0], whole.split(end)[1]
-    path.write_text(head + begin + text + end + tail, encoding="utf-8")
+    path.write_text(head + begin + stamp(settings) + "\n" + text + end + tail, encoding="utf-8")
+
+
+def stamp(settings: str = "") -> str:
+    """When, where and how: date, processor, versions, and the command without its folders."""
+    machine = describe_machine(("numpy", "vioapr"))
+    words = [word if "/" not in word else word.rsplit("/", 1)[-1] for word in sys.argv[1:]]
+    command = shlex.join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *words])
+    parts = [
+        f"{date.today().isoformat()}, {machine['cpu']}, {machine['cores']} cores",
+        f"Python {machine['python']}, NumPy {machine['numpy']}, vioapr {machine['vioapr']}",
+        f"`{command}`",
+        *([settings] if settings else []),
+    ]
+    return f"*{'; '.join(parts)}*\n"

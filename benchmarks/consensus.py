@@ -1,4 +1,4 @@
-"""Method `consensus` against its goals; writes its sections of docs/accuracy.md.
+"""Method `consensus` against its goals; writes its sections of docs/results/accuracy.md.
 
     VIOAPR_DATA=... python benchmarks/consensus.py [--json FILE] [--update-docs]
 
@@ -32,7 +32,7 @@ from vioapr.fusion.types import Status
 from vioapr.geometry import rigid
 from vioapr.scene.walks import find_walks
 
-DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
+DOCS = Path(__file__).parent.parent / "docs" / "results" / "accuracy.md"
 TAIL_DEGREES = 2
 """Degrees of freedom of the stated distribution."""
 SHARES = (10, 25, 50, 75, 100)

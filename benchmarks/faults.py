@@ -31,7 +31,7 @@ from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
-DOCS = Path(__file__).parent.parent / "docs" / "accuracy.md"
+DOCS = Path(__file__).parent.parent / "docs" / "results" / "accuracy.md"
 METHOD_NAMES = ("consensus", "vio-apr")
 SEEDS = 20
 START_S = 90.0

@@ -1,4 +1,4 @@
-"""Method `consensus` on walks that nothing was chosen by; writes its section of docs/accuracy.md.
+"""Method `consensus` on walks that nothing was chosen by; for docs/results/accuracy.md.
 
     VIOAPR_DATA=... python benchmarks/fresh_walks.py [--json FILE] [--against FILE]
         [--seed N] [--draws N] [--update-docs]

@@ -26,7 +26,7 @@ from vioapr.runtime.localizer import OnnxLocalizer
 from vioapr.runtime.walk import frames_of_recording, localize
 from vioapr.scene.scene import Scene
 
-DOCS = Path(__file__).parents[1] / "docs" / "deployment.md"
+DOCS = Path(__file__).parents[1] / "docs" / "results" / "localizer.md"
 PRECISIONS = ("fp32", "fp16w", "int8w", "int8-qdq")
 METHODS = ("consensus", "vio-apr")
 FIGURES = ("median_m", "median_deg", "p95_m", "p95_deg")

@@ -1,6 +1,6 @@
 """What the whole localizer costs beside the bare regressor, in the same runtime and run.
 
-    python benchmarks/localizer_speed.py [--quick] [--json PATH] [--docs docs/deployment.md]
+    python benchmarks/localizer_speed.py [--quick] [--json PATH] [--docs docs/results/localizer.md]
 
 Networks are `vioapr.regression`'s with random weights, which are as fast as trained ones. The
 whole file and its parts take turns, so that a slow spell of the machine hits all; shares are

@@ -10,7 +10,7 @@ learn from, the others to test, RGB-D SLAM as VIO.
 two-scenes: one MS-Transformer for a courtyard and the kitchen; does it tell them apart?
 
 FOLDER keeps scenes and checkpoints; what is there already is not made again. --update-docs writes
-the tables to docs/accuracy.md. "with_tilt_by_vio" is the raw prediction with roll and pitch
+the tables to docs/results/accuracy.md. "with_tilt_by_vio" is the raw prediction with roll and pitch
 replaced by the tracker's.
 """
 
@@ -41,7 +41,7 @@ from vioapr.scene.scene import Scene, World
 from vioapr.scene.walks import find_walks
 from vioapr.trajectory import Trajectory
 
-DOCS = Path(__file__).parents[1] / "docs" / "accuracy.md"
+DOCS = Path(__file__).parents[1] / "docs" / "results" / "regressors.md"
 
 SIZE = "--width-px 160 --height-px 120"
 PICTURES = f"--rate-hz 5 {SIZE}"

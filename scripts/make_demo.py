@@ -3,7 +3,7 @@
     python benchmarks/regressors.py courtyard FOLDER --models mobile   # simulates and trains
     python scripts/make_demo.py FOLDER
 
-Writes src/vioapr/recipes/data; docs/demo.md says more.
+Writes src/vioapr/recipes/data; docs/guide/demo.md says more.
 """
 
 from __future__ import annotations

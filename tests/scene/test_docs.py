@@ -1,4 +1,4 @@
-"""docs/recordings.md shows what the readers take."""
+"""docs/reference/scene.md shows what the readers take."""
 
 import re
 from pathlib import Path
@@ -13,7 +13,7 @@ from vioapr.scene.scene import GeodeticOrigin, Scene
 
 @pytest.fixture
 def text(request):
-    return (request.config.rootpath / "docs" / "recordings.md").read_text(encoding="utf-8")
+    return (request.config.rootpath / "docs" / "reference" / "scene.md").read_text(encoding="utf-8")
 
 
 def block(text: str, language: str) -> str:

@@ -1,0 +1,171 @@
+"""Write docs/reference/api.md and cli.md from docstrings and from the command line's own help.
+
+    python scripts/make_reference.py [--check]
+
+--check writes nothing and fails if a page is stale.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import os
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import redirect_stdout, suppress
+from io import StringIO
+from pathlib import Path
+from typing import ForwardRef
+
+TITLE = r"^ ([\w.]+ options|options|positional arguments)$"
+REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
+
+
+def api_page() -> str:
+    """The public names: signature and docstring of each."""
+    import vioapr
+
+    parts = [
+        "# Python API\n",
+        "What `import vioapr` offers, from the docstrings, by `scripts/make_reference.py`.\n",
+    ]
+    for name in vioapr.__all__:
+        if name.startswith("__"):
+            continue
+        parts.append(describe(name, getattr(vioapr, name)))
+    return "\n".join(parts)
+
+
+def describe(name: str, thing: object) -> str:
+    """One name's section."""
+    if not (inspect.isclass(thing) or inspect.isroutine(thing)):
+        return f"## {name}\n\n`{thing!r}`\n"
+    lines = [f"## {name}\n"]
+    if inspect.isclass(thing) and issubclass(thing, BaseException):
+        parent = thing.__mro__[1].__name__
+        return f"## {name}\n\nAn error, a kind of `{parent}`.\n\n{docstring(thing)}\n"
+    lines += [f"```python\n{name}{signature(thing)}\n```\n", docstring(thing)]
+    if inspect.isclass(thing):
+        for key, member in sorted(public_members(thing)):
+            title = f"### {name}.{key}"
+            if isinstance(member, property):
+                lines += [f"\n{title}\n", docstring(member)]
+            else:
+                lines += [f"\n{title}\n", f"```python\n{key}{signature(member)}\n```\n"]
+                lines.append(docstring(member))
+    return "\n".join(lines) + "\n"
+
+
+def public_members(kind: type) -> Iterator[tuple[str, object]]:
+    """Methods and properties of a class, without inherited and private ones."""
+    for key, member in vars(kind).items():
+        unwrapped = getattr(member, "__func__", member)
+        if key.startswith("_") or not getattr(unwrapped, "__doc__", None):
+            continue
+        if isinstance(member, property) or inspect.isroutine(unwrapped):
+            yield key, unwrapped
+
+
+def signature(thing: object) -> str:
+    """The signature on one line, or a line a parameter where it is long."""
+    try:
+        found = inspect.signature(thing)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return "(...)"
+    pieces: list[str] = []
+    for parameter in found.parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY and "*" not in pieces:
+            pieces.append("*")
+        text = parameter.name
+        if parameter.annotation is not parameter.empty:
+            text += f": {annotation(parameter.annotation)}"
+        if parameter.default is not parameter.empty:
+            shown = repr(parameter.default)
+            text += f" = {'...' if shown.startswith('<') else shown}"
+        pieces.append(text)
+    result = found.return_annotation
+    end = "" if result in (found.empty, "None", None) else f" -> {annotation(result)}"
+    line = f"({', '.join(pieces)}){end}"
+    if len(line) <= 80:
+        return line
+    return "(\n" + "".join(f"    {piece},\n" for piece in pieces) + f"){end}"
+
+
+def annotation(value: object) -> str:
+    """A type as it is written in the source."""
+    if isinstance(value, ForwardRef):
+        return value.__forward_arg__
+    return value if isinstance(value, str) else getattr(value, "__name__", str(value))
+
+
+def docstring(thing: object) -> str:
+    """A Google-style docstring as Markdown: sections become lists."""
+    lines, is_section = [], False
+    for line in (inspect.getdoc(thing) or "").splitlines():
+        heading = re.fullmatch(r"(Args|Attributes|Returns|Raises|Yields|Example):", line)
+        if heading:
+            is_section = heading.group(1) != "Example"
+            lines.append(f"\n**{heading.group(1)}**\n")
+            continue
+        if is_section and (entry := re.fullmatch(r" {4}(\*{0,2}\w+): (.*)", line)):
+            lines.append(f"- `{entry.group(1)}`: {entry.group(2)}")
+        elif is_section and line.startswith("    "):
+            lines.append("  " + line.strip())
+        else:
+            is_section = is_section and not line.strip()
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def cli_page() -> str:
+    """Every verb's help, as the command line prints it."""
+    os.environ |= {"COLUMNS": "96", "NO_COLOR": "1", "TERM": "dumb"}
+    from vioapr.cli.main import VERBS
+
+    parts = [
+        "# Command line\n",
+        "What `vioapr VERB --help` prints. Written by `scripts/make_reference.py`.\n",
+    ]
+    for verb in VERBS:
+        parts.append(f"## vioapr {verb}\n\n```\n{help_of(verb)}\n```\n")
+    return "\n".join(parts)
+
+
+def help_of(verb: str) -> str:
+    """The help text of a verb, without the boxes' lines."""
+    from vioapr.cli.main import main
+
+    buffer = StringIO()
+    with redirect_stdout(buffer), suppress(SystemExit):
+        main([*verb.split(), "--help"])
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", buffer.getvalue())
+    lines = [re.sub(r"^[│|]\s?|\s*[│|]$", "", line).rstrip() for line in plain.splitlines()]
+    lines = [
+        re.sub(r"^ ([\w.]+ options|options|positional arguments)$", r"\n\1:", x) for x in lines
+    ]
+    return "\n".join(line for line in lines if not re.fullmatch(r" ?[╰+─╯-]{9,}", line)).strip()
+
+
+PAGES = {"api.md": api_page, "cli.md": cli_page}
+
+
+def main() -> None:
+    """Write the pages, or see whether they are what would be written."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--check", action="store_true")
+    options = parser.parse_args()
+    stale = []
+    for name, make in PAGES.items():
+        path, text = REFERENCE / name, make()
+        if options.check:
+            if not path.exists() or path.read_text(encoding="utf-8") != text:
+                stale.append(name)
+        else:
+            path.write_text(text, encoding="utf-8")
+    if stale:
+        sys.exit(f"stale: {', '.join(stale)}: run python scripts/make_reference.py")
+
+
+if __name__ == "__main__":
+    main()
