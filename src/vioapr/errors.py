@@ -11,6 +11,7 @@ says what went wrong, so that a server can choose a status code:
     │   ├── UnreadableError       the system does not let it be read
     │   ├── UnwritableError       the system does not let it be written
     │   │   └── DiskFullError         for want of space
+    │   ├── LockedError           another process is using it
     │   ├── FormatError           its content is malformed
     │   └── VersionError          it is of a version that this program does not know
     ├── ParameterError        a value that a parameter cannot have
@@ -24,11 +25,27 @@ says what went wrong, so that a server can choose a status code:
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable
 from os import PathLike
 
 
 class VioAprError(Exception):
-    """The root of all errors that vioapr raises on purpose."""
+    """The root of all errors that vioapr raises on purpose.
+
+    Errors can be pickled, so they pass between processes as they are.
+    """
+
+    def __reduce__(self) -> tuple[Callable[..., VioAprError], tuple[object, ...]]:
+        """Pickle message and attributes; the constructors take others than the message."""
+        return _restore, (type(self), self.args, self.__dict__)
+
+
+def _restore(
+    kind: type[VioAprError], args: tuple[object, ...], attributes: dict[str, object]
+) -> VioAprError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(attributes)
+    return error
 
 
 class FileError(VioAprError):
@@ -78,6 +95,10 @@ class UnwritableError(FileError):
 
 class DiskFullError(UnwritableError):
     """There is no space left for a file."""
+
+
+class LockedError(FileError):
+    """Another process is using a folder."""
 
 
 class FormatError(FileError):

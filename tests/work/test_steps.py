@@ -1,15 +1,25 @@
 import json
 
+import numpy as np
 import pytest
 
-from vioapr.errors import FormatError
-from vioapr.work.steps import Steps, write_atomically
+from vioapr.errors import UnwritableError
+from vioapr.schemas.base import Record
+from vioapr.work.steps import Steps, describe_changes, fingerprint, is_current, mark
+
+
+class Counts(Record, frozen=True):
+    pairs: int
+    names: tuple[str, ...]
+    length_m: float | None = None
 
 
 def run(folder, inputs, log):
     steps = Steps(folder)
     for name, value in inputs.items():
-        steps.run(name, value, lambda is_resumed, name=name: log.append((name, is_resumed)) or name)
+        steps.run(
+            name, value, lambda is_resumed, name=name: log.append((name, is_resumed)) or name, str
+        )
     return steps
 
 
@@ -23,7 +33,28 @@ def test_finished_steps_are_not_repeated(tmp_path):
 
 def test_results_are_kept(tmp_path):
     for _ in range(2):
-        assert Steps(tmp_path).run("a", 1, lambda _: {"x": [1.5, None]}) == {"x": [1.5, None]}
+        result = Steps(tmp_path).run("a", 1, lambda _: {"x": [1.5, None]}, dict)
+        assert result == {"x": [1.5, None]}
+
+
+def test_records_are_kept(tmp_path):
+    given = Counts(pairs=3, names=("a", "b"), length_m=0.1 + 0.2)
+    for _ in range(2):
+        assert Steps(tmp_path).run("a", given, lambda _: given, Counts) == given
+
+
+def test_a_result_of_another_type_is_as_none(tmp_path):
+    Steps(tmp_path).run("a", 1, lambda _: {"pairs": 3}, dict)
+    found = Steps(tmp_path).run("a", 1, lambda _: Counts(pairs=4, names=()), Counts)
+    assert found.pairs == 4
+
+
+def test_a_result_must_be_of_its_type(tmp_path):
+    with pytest.raises(ValueError, match="str"):
+        Steps(tmp_path).run("a", 1, lambda _: [1, 2], list[str])  # type: ignore[arg-type]
+    log = []
+    run(tmp_path, {"a": 1}, log)
+    assert log == [("a", True)]  # it was not noted as done
 
 
 def test_a_change_repeats_a_step_and_all_after_it(tmp_path):
@@ -39,12 +70,12 @@ def test_an_interrupted_step_is_resumed(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Steps(tmp_path).run("a", 1, fail)
+        Steps(tmp_path).run("a", 1, fail, str)
     log = []
     run(tmp_path, {"a": 1}, log)
     assert log == [("a", True)]
     with pytest.raises(KeyboardInterrupt):
-        Steps(tmp_path).run("a", 2, fail)
+        Steps(tmp_path).run("a", 2, fail, str)
     run(tmp_path, {"a": 3}, log)
     assert log[-1] == ("a", False)  # what was left is of other inputs
 
@@ -67,17 +98,38 @@ def test_a_broken_marker_is_as_none(tmp_path, content):
     assert log == [("a", False)] * 2
 
 
-def test_files_are_replaced_whole_or_not_at_all(tmp_path):
-    path = tmp_path / "file"
-    write_atomically(path, b"old")
-    write_atomically(path, b"new")
-    assert path.read_bytes() == b"new"
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-    with pytest.raises(FormatError, match="cannot be written"):
-        write_atomically(tmp_path / "no" / "file", b"")
-
-
 def test_seconds_are_remembered(tmp_path):
     first = run(tmp_path, {"a": 1}, []).seconds
     assert run(tmp_path, {"a": 1}, []).seconds == first
     assert json.loads((tmp_path / "a.step.json").read_text())["is_done"]
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UnwritableError):
+        Steps(tmp_path / "file" / "folder")
+
+
+def test_a_marker_is_of_its_inputs(tmp_path):
+    marker = tmp_path / "cache.json"
+    assert not is_current(marker, fingerprint("a", 1))
+    mark(marker, fingerprint("a", 1))
+    assert is_current(marker, fingerprint("a", 1))
+    assert not is_current(marker, fingerprint("a", 2))
+    marker.write_text("{")
+    assert not is_current(marker, fingerprint("a", 1))
+
+
+def test_fingerprints_tell_values_apart():
+    values = (1, "1", [1], {"a": 1}, None, Counts(pairs=1, names=()), np.array([1.5]))
+    assert len({fingerprint(value) for value in values}) == len(values)
+    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
+
+
+def test_changes_are_named():
+    noted = {"epochs": 30, "batch_size": 8, "old": 1}
+    assert describe_changes(noted, {"epochs": 30, "batch_size": 8}) == ""
+    assert describe_changes(noted, {"epochs": 40, "batch_size": 8}) == "epochs 30 then, 40 now"
+    assert describe_changes(noted, {"batch_size": 9, "seed": 1}, {"seed": 1}) == (
+        "batch size 8 then, 9 now"
+    )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,18 +24,13 @@ from vioapr.mapping.registration import Registered, pairs_by_vio, register_image
 from vioapr.mapping.retrieval import describe_images
 from vioapr.mapping.two_view import read_geometries
 from vioapr.scene.scene import RECORDINGS_FOLDER, Scene
-from vioapr.work.child import run_isolated
+from vioapr.work.child import run_in_child
+from vioapr.work.locks import locked_folder
+from vioapr.work.progress import Progress, silent
 from vioapr.work.steps import Steps
 
 WORK_FOLDER = ".mapping"
 LIKENESS_FILE, PAIRS_FILE, ALL_PAIRS_FILE = "likeness.npy", "pairs.npy", "all_pairs.npy"
-Progress = Callable[[str, int], AbstractContextManager[Callable[[], object]]]
-
-
-@contextmanager
-def silent(title: str, total: int) -> Iterator[Callable[[], None]]:
-    """No progress bar."""
-    yield lambda: None
 
 
 def map_scene(
@@ -59,10 +53,12 @@ def map_scene(
 
     Raises:
         MappingError: The recordings cannot be mapped.
+        LockedError: Another process is mapping the scene.
         VioAprError: A recording is broken, a package is missing, or a file cannot be written.
     """
     load_pycolmap()
-    return _Mapping(scene, params or MappingParams(), progress).run()
+    with locked_folder(scene.folder / WORK_FOLDER):
+        return _Mapping(scene, params or MappingParams(), progress).run()
 
 
 class _Mapping:
@@ -85,21 +81,30 @@ class _Mapping:
             "features",
             [images.fingerprint, self.train, self.test, p.max_image_size, p.max_features],
             self._extract,
+            dict[str, str],
         )
         counts = self.steps.run(
             "matches",
             [p.sequential, p.loops, p.seed],
             lambda resumed: self._match(broken, resumed),
+            dict[str, Any],
         )
-        counts["pairs"] += self.steps.run("near", [p.spatial], lambda _: self._match_near(broken))
-        counts |= self.steps.run("pruning", [], lambda _: self._prune())
+        counts["pairs"] += self.steps.run(
+            "near", [p.spatial], lambda _: self._match_near(broken), int
+        )
+        counts |= self.steps.run("pruning", [], lambda _: self._prune(), dict[str, Any])
         self._check_islands(counts["islands"])
         models = self.steps.run(
-            "model", [p.mapper, p.refine_intrinsics], lambda _: self._reconstruct(broken)
+            "model",
+            [p.mapper, p.refine_intrinsics],
+            lambda _: self._reconstruct(broken),
+            list[list[str]],
         )
         self._check_models(models)
-        world = self.steps.run("world", [p.allow_partial], self._place)
-        found = self.steps.run("test", [p.min_inliers], lambda _: self._register(broken))
+        world = self.steps.run("world", [p.allow_partial], self._place, dict[str, Any])
+        found = self.steps.run(
+            "test", [p.min_inliers], lambda _: self._register(broken), list[dict[str, Any]]
+        )
         facts = {"broken": broken, "matches": counts, "models": models, "world": world}
         return publish(self.scene, images, self.params, self.steps, facts, found, self.world)
 
@@ -112,7 +117,7 @@ class _Mapping:
             for file in self.steps.folder.glob("database.db*"):
                 file.unlink()
         with self.progress("finding features", len(self.images)) as tick:
-            return run_isolated(
+            return run_in_child(
                 extract_features, self.database, self.image_folder, self.images, self.params,
                 tick=tick,
             )  # fmt: skip
@@ -130,7 +135,7 @@ class _Mapping:
         chosen = pairs.first_pairs(self.images, rows, vectors[rows] @ vectors[rows].T, self.params)
         np.save(self.steps.folder / PAIRS_FILE, chosen)
         with self.progress("matching images", len(chosen)) as tick:
-            run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
+            run_in_child(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
         return {"pairs": len(chosen)}
 
     def _match_near(self, broken: dict[str, str]) -> int:
@@ -143,14 +148,14 @@ class _Mapping:
         everything = pairs.unique_pairs(np.concatenate([first, near]))
         np.save(self.steps.folder / ALL_PAIRS_FILE, everything)
         with self.progress("matching near images", len(near)) as tick:
-            run_isolated(match_pairs, self.database, images, near, self.params, tick=tick)
+            run_in_child(match_pairs, self.database, images, near, self.params, tick=tick)
         return len(everything) - len(first)
 
     def _prune(self) -> dict[str, Any]:
         """Take out what VIO contradicts; then see which recordings are connected."""
         chosen = np.load(self.steps.folder / ALL_PAIRS_FILE)
         with self.progress("checking matches by VIO", len(chosen)) as tick:
-            pruned = run_isolated(
+            pruned = run_in_child(
                 prune_pairs, self.database, self.images, chosen, chosen[:0], self.params.seed,
                 tick=tick,
             )  # fmt: skip
@@ -196,7 +201,7 @@ class _Mapping:
         choice = self.params.refine_intrinsics
         refines = choice == "yes" or (choice == "auto" and not known)
         with self.progress(f"mapping ({self.params.mapper})", len(names)) as tick:
-            return run_isolated(
+            return run_in_child(
                 reconstruct, self.database, self.image_folder, names, self.sparse, self.params,
                 refines_intrinsics=refines, tick=tick,
             )  # fmt: skip
@@ -247,8 +252,8 @@ class _Mapping:
     def _register_by(self, chosen: pairs.Pairs, model: Any, what: str) -> list[Registered]:
         helping = np.load(self.steps.folder / ALL_PAIRS_FILE)
         with self.progress(f"matching {what}", len(chosen)) as tick:
-            run_isolated(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
-            run_isolated(
+            run_in_child(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
+            run_in_child(
                 prune_pairs, self.database, self.images, chosen, helping, self.params.seed, tick=int
             )
         with self.progress(f"registering {what}", len(np.unique(chosen[:, 0]))) as tick:

@@ -1,1 +1,1 @@
-"""Long work: steps that resume, child processes, progress."""
+"""Long work: steps that resume, locks of folders, progress, child processes."""

@@ -3,82 +3,110 @@
 A full disk shows in a thread of COLMAP's, which nobody can catch there. So that a user gets a
 message and not a crash, each long call runs in a child process, which reports its progress and
 dies with its parent.
+
+The process, the call and its result are `concurrent.futures`'. It does not give three things,
+which are here: progress comes through a pipe of its own; the child's output goes to a log, which
+says why the child died; and the parent's main module is hidden while the child starts, which
+would import it otherwise, so that a script without `if __name__ == "__main__"` would call itself.
 """
 
 from __future__ import annotations
 
 import ctypes
-import json
+import multiprocessing
 import os
-import pickle
 import re
 import signal
-import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
-from typing import Any
+import traceback
+import types
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TypeVar
 
 from vioapr.errors import MappingError, VioAprError
+from vioapr.work.progress import Tick
 
-_SERVE = "import sys; sys.path[:] = {path!r}; from vioapr.work.child import serve; serve()"
+T = TypeVar("T")
+
 _DEATH_SIGNAL = 1
 """Linux's PR_SET_PDEATHSIG."""
 
+_reports: Connection | None = None
+"""In a child: where its ticks go."""
 
-def run_isolated(
-    function: Callable[..., Any], *arguments: Any, tick: Callable[[], object], **options: Any
-) -> Any:
-    """Call a function in a process of its own.
+
+def run_in_child(
+    function: Callable[..., T], *arguments: object, tick: Tick, **options: object
+) -> T:
+    """Call a function in a process of its own, which is killed if this call is interrupted.
 
     Args:
         function: One of a module's; it takes a further argument `tick`.
         arguments: Its arguments; they are pickled.
         tick: Called whenever the function calls its own.
-        options: Its keyword arguments, likewise.
+        options: Its keyword arguments; they are pickled.
 
     Returns:
-        What it returned, which must be plain data.
+        The function's result, which is pickled.
 
     Raises:
-        MappingError: It raised an error of ours, or its process died.
+        VioAprError: The function raised it.
+        MappingError: The function raised an error that is not ours, or its process died; says
+            COLMAP's last words.
     """
-    command = [sys.executable, "-c", _SERVE.format(path=sys.path)]
-    with tempfile.TemporaryFile() as log:
-        child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log)
-        try:
-            answer = _talk(child, pickle.dumps((function, arguments, options)), tick)
-        finally:
-            child.kill()
-            child.wait()
-        if "result" in answer:
-            return answer["result"]
-        if "error" in answer:
-            raise MappingError(answer["error"])
-        log.seek(0)
-        raise MappingError(_explain(log.read().decode(errors="replace")))
+    context = multiprocessing.get_context("spawn")
+    reports, childs_end = context.Pipe(duplex=False)
+    with tempfile.TemporaryDirectory() as folder, reports:
+        log = Path(folder) / "log"
+        log.touch()
+        given = (childs_end, log, os.getpid())
+        with ProcessPoolExecutor(1, context, _prepare, given) as pool:
+            with _hidden_main():
+                future = pool.submit(_call, function, arguments, options)
+            childs_end.close()  # then the child's copy is the last, and its end is seen here
+            _count_ticks(reports, tick)
+            try:
+                return future.result()
+            except VioAprError:
+                raise
+            except Exception as error:
+                text = log.read_text(encoding="utf-8", errors="replace")
+                raise MappingError(_explain(text)) from error
 
 
-def _talk(child: subprocess.Popen[bytes], job: bytes, tick: Callable[[], object]) -> dict[str, Any]:
-    """Send the job and follow it to its answer; empty if the child dies."""
-    assert child.stdin is not None  # both are pipes
-    assert child.stdout is not None
-    with child.stdin, child.stdout:
-        try:
-            child.stdin.write(job)
-            child.stdin.close()
-        except BrokenPipeError:
-            return {}
-        for line in child.stdout:
-            message = json.loads(line)
-            if "tick" not in message:
-                return message
-            tick()
-    return {}
+def _count_ticks(reports: Connection, tick: Tick) -> None:
+    """Pass a child's ticks on until it closes the pipe, or dies; kill it if interrupted."""
+    pid = None
+    try:
+        with suppress(EOFError):
+            pid = reports.recv()
+            while True:
+                reports.recv()
+                tick()
+    except BaseException:
+        # The pool would wait for the end of the call.
+        with suppress(EOFError, ProcessLookupError):
+            os.kill(pid or reports.recv(), signal.SIGKILL)
+        raise
+
+
+@contextmanager
+def _hidden_main() -> Iterator[None]:
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = types.ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _explain(log: str) -> str:
-    """What COLMAP wrote before its process ended, as one sentence."""
+    """Say in one sentence what COLMAP wrote before its process ended."""
     reasons = re.findall(r"what\(\):\s*(.+)", log) or re.findall(r"^\w*Error.*", log, re.MULTILINE)
     reason = reasons[-1].strip() if reasons else "no reason given"
     return (
@@ -87,21 +115,29 @@ def _explain(log: str) -> str:
     )
 
 
-def serve() -> None:
-    """The child's side: take a job from standard input, report on standard output."""
+def _prepare(reports: Connection, log: Path, parent_pid: int) -> None:
+    """In the child, first of all: die with the parent, write to the log, say the own number."""
+    global _reports
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
-    # Whatever else prints must not get between the messages.
-    out = os.fdopen(os.dup(1), "w", buffering=1)
-    os.dup2(2, 1)
+    if os.getppid() != parent_pid:  # it died before
+        os._exit(1)
+    output = os.open(log, os.O_WRONLY | os.O_APPEND)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    reports.send(os.getpid())
+    _reports = reports
 
-    def send(message: dict[str, Any]) -> None:
-        out.write(json.dumps(message) + "\n")
 
-    function, arguments, options = pickle.loads(sys.stdin.buffer.read())
-    try:
-        result = function(*arguments, **options, tick=lambda: send({"tick": 1}))
-    except VioAprError as error:
-        send({"error": str(error)})
-    else:
-        send({"result": result})
+def _call(
+    function: Callable[..., T], arguments: Sequence[object], options: Mapping[str, object]
+) -> T:
+    """In the child: do the work, and close the pipe."""
+    assert _reports is not None  # set by `_prepare`
+    reports = _reports
+    with reports:
+        try:
+            return function(*arguments, **options, tick=lambda: reports.send(None))
+        except Exception:
+            traceback.print_exc()  # to the log
+            raise
