@@ -110,7 +110,11 @@ class VersionError(FileError):
 
 
 class ParameterError(VioAprError):
-    """A parameter has a value that it cannot have."""
+    """A parameter has a value that it cannot have.
+
+    Messages begin with the name (`seed: expected ...`), or with `Class.name` where several
+    classes have it, or have it in backticks: the command line puts its flags there.
+    """
 
 
 class AssociationError(VioAprError):

@@ -3,14 +3,37 @@ import sys
 
 import pytest
 
-from vioapr.cli.main import VERBS
+import vioapr
+from vioapr.cli.verbs import VERBS
+
+HEAVY = {"numpy", "scipy", "matplotlib", "torch", "PIL", "rich", "tyro", "msgspec"}
 
 
-def test_help_lists_all_verbs(run):
+def test_help_lists_all_verbs_a_line_each(run):
     code, out, _ = run("--help")
     assert code == 0
-    assert all(verb in out for verb in VERBS)
+    lines = out.splitlines()
+    for verb in VERBS:
+        assert sum(line.startswith(f"  {verb}  ") for line in lines) == 1
+    assert max(map(len, lines)) <= 84
     assert run()[1] == out
+
+
+@pytest.mark.parametrize(
+    "code", ["import vioapr", "from vioapr.cli import main; main(['--help']); main(['fly'])"]
+)
+def test_help_and_a_mere_import_are_light(code):
+    code += "; import sys; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert not HEAVY & set(done.stdout.split())
+
+
+def test_help_of_verbs_of_two_words(run):
+    code, out, _ = run("scene", "--help")
+    assert code == 0
+    assert "scene check" in out
+    assert "simulate walks" not in out
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -24,6 +47,27 @@ def test_unknown_verbs_are_refused(fails):
     line = fails("fly")
     assert "fly" in line
     assert "fuse" in line
+    assert fails("scene") == (
+        "unknown verb 'scene': expected one of scene check, scene info (see vioapr --help)"
+    )
+
+
+def test_the_version_is_told(run):
+    assert run("--version")[1] == f"vioapr {vioapr.__version__}\n"
+
+
+def test_flags_that_cannot_be_parsed_are_named(fails):
+    files = ("--apr", "a", "--vio", "b", "--out", "c")
+    see = " (see vioapr fuse --help)"
+    assert fails("fuse", "--out", "x") == f"missing --apr, --vio{see}"
+    assert fails("scene", "check") == "missing SCENE (see vioapr scene check --help)"
+    assert fails("import", "stray", "--out", "y").startswith("missing SOURCE ")
+    assert "Missing value for argument '--view'" in fails("fuse", *files, "--view")
+    assert fails("fuse", *files, "--tolerancee") == (
+        f"Unrecognized options: --tolerancee; perhaps --tolerance-s{see}"
+    )
+    assert "--tolerance-s: could not convert" in fails("fuse", *files, "--tolerance-s", "near")
+    assert "invalid choice 'x' for argument '--view'" in fails("fuse", *files, "--view", "x")
 
 
 @pytest.mark.slow
@@ -59,7 +103,9 @@ def test_simulate_walks_refuses_what_cannot_be(fails, tmp_path):
     assert "--walks: expected at least 1, got 0" in fails("simulate", "walks", *out, "--walks", "0")
     assert "--seed" in fails("simulate", "walks", *out, "--seed", "-1")
     (tmp_path / "file").touch()
-    assert "cannot be made" in fails("simulate", "walks", "--out", tmp_path / "file")
+    assert "walk01: cannot be written: Not a directory" in fails(
+        "simulate", "walks", "--out", tmp_path / "file"
+    )
 
 
 def test_a_closed_pipe_is_no_error():

@@ -37,8 +37,8 @@ def test_bad_scenes(fails, tmp_path):
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [
-        ("--max-features", "5", "max_features: expected at least 100, got 5"),
-        ("--max-rate-hz", "-1", "max_rate_hz: expected at least 0"),
+        ("--max-features", "5", "--max-features: expected at least 100, got 5"),
+        ("--max-rate-hz", "-1", "--max-rate-hz: expected at least 0"),
         ("--sequential", "-1", "sequential: expected at least 0"),
         ("--mapper", "magic", "mapper"),
     ],

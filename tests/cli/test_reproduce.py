@@ -50,4 +50,4 @@ def test_an_empty_scene_is_refused(fails, data, tmp_path):
 def test_out_must_be_a_folder(fails, data, tmp_path):
     (tmp_path / "out").touch()
     line = fails("reproduce", "marvin", "--data", data, "--out", tmp_path / "out")
-    assert "out: cannot be made" in line
+    assert "out: cannot be written" in line

@@ -24,4 +24,4 @@ def test_a_scene_with_its_previews(run, rendering, tmp_path):
 
 def test_what_cannot_be_is_refused(fails, tmp_path):
     line = fails("simulate", "courtyard", "--out", tmp_path / "yard", "--rate-hz", "0")
-    assert line.startswith("rate_hz: expected")
+    assert line.startswith("--rate-hz: expected")

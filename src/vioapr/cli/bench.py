@@ -23,7 +23,7 @@ _LABELS = {
 
 
 def bench_(
-    model: tyro.conf.Positional[Path],
+    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")],
     threads: int | None = None,
     height: int = 480,
     width: int = 640,

@@ -36,7 +36,7 @@ _WIDE = 140
 
 
 def evaluate(
-    walks: tyro.conf.Positional[tuple[Path, ...]],
+    walks: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[FOLDER ...]")],
     methods: str = "apr,vio,vio-apr,consensus",
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     csv_out: Annotated[Path | None, tyro.conf.arg(name="csv")] = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
@@ -16,7 +17,7 @@ _PRECISIONS = ("fp32", "fp16w", "int8w", "int8-qdq")
 
 
 def export(
-    checkpoint: tyro.conf.Positional[Path],
+    checkpoint: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="CHECKPOINT")],
     out: Path,
     method: str = DEFAULT_METHOD,
     precision: str = "fp32",

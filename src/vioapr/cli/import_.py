@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 from rich.text import Text
@@ -14,8 +14,8 @@ from vioapr.importers.registry import Imported, get_importer, import_source
 
 
 def import_(
-    format: tyro.conf.Positional[str],
-    source: tyro.conf.Positional[Path],
+    format: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="FORMAT")],
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")],
     out: Path,
     split: Split | None = None,
     id: str | None = None,

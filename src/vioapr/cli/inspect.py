@@ -20,7 +20,7 @@ _MAX_FITS = 4
 
 
 def inspect(
-    files: tyro.conf.Positional[tuple[Path, ...]],
+    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[FILE ...]")],
     from_: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
     against: Path | None = None,
     rate_hz: float | None = None,

@@ -1,58 +1,22 @@
-"""The entry point: parses, runs a verb, and turns users' errors into one line and exit code 2."""
+"""The entry point: parses, runs a verb, and turns users' errors into one line and exit code 2.
+
+Only the chosen verb's module is imported, and the parser only once a verb is known: help and
+mistyped verbs should not wait for NumPy.
+"""
 
 from __future__ import annotations
 
 import functools
 import io
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
-from typing import Any
 
-import tyro
-
-from vioapr.cli.bench import bench_
-from vioapr.cli.convert import convert
-from vioapr.cli.demo import demo
-from vioapr.cli.evaluate import evaluate
-from vioapr.cli.export import export
-from vioapr.cli.fuse import fuse
-from vioapr.cli.import_ import import_
-from vioapr.cli.inspect import inspect
-from vioapr.cli.localize import localize_
-from vioapr.cli.map_scene import map_
-from vioapr.cli.predict import predict
-from vioapr.cli.reproduce import reproduce_7scenes, reproduce_cambridge, reproduce_marvin
-from vioapr.cli.scene import scene_check, scene_info
-from vioapr.cli.simulate import simulate_courtyard
-from vioapr.cli.simulate_walks import simulate_walks
-from vioapr.cli.train import train
-from vioapr.cli.vio_quality import vio_quality
+from vioapr._version import __version__
+from vioapr.cli.verbs import VERBS, describe_verbs
 from vioapr.errors import VioAprError
-
-VERBS: dict[str, Callable[..., Any]] = {
-    "inspect": inspect,
-    "convert": convert,
-    "import": import_,
-    "scene check": scene_check,
-    "scene info": scene_info,
-    "fuse": fuse,
-    "evaluate": evaluate,
-    "map": map_,
-    "vio-quality": vio_quality,
-    "train": train,
-    "predict": predict,
-    "reproduce marvin": reproduce_marvin,
-    "reproduce 7scenes": reproduce_7scenes,
-    "reproduce cambridge": reproduce_cambridge,
-    "simulate courtyard": simulate_courtyard,
-    "simulate walks": simulate_walks,
-    "export": export,
-    "localize": localize_,
-    "bench": bench_,
-    "demo": demo,
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,8 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code: 0, or 2 where the user can mend what is wrong.
     """
     try:
-        command = _parse(sys.argv[1:] if arguments is None else list(arguments))
-        command()
+        run(sys.argv[1:] if arguments is None else list(arguments))
         sys.stdout.flush()
     except VioAprError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -80,48 +43,102 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parse(arguments: list[str]) -> Callable[[], Any]:
-    """The verb with its arguments, not yet run, so that only parsing errors are rewritten."""
+def run(arguments: list[str]) -> None:
+    """Run the verb that the arguments name, or print the list of verbs.
+
+    Raises:
+        VioAprError: There is no such verb, its flags cannot be parsed, or it fails.
+        SystemExit: The verb's own help was asked for, and is printed.
+    """
+    for words in (2, 1):  # `scene check` is a verb of two words
+        name = " ".join(arguments[:words])
+        if name in VERBS:
+            function = VERBS[name].load()
+            try:
+                parse_flags(name, function, arguments[words:])()
+            except VioAprError as error:
+                from vioapr.cli.flags import flag_names, name_flags
+
+                raise VioAprError(name_flags(error, flag_names(function))) from error
+            return
+    first, *rest = arguments or ["--help"]
+    prefix = next((first for name in VERBS if name.split()[0] == first), "")
+    if (rest[0] if prefix and rest else first) in ("-h", "--help"):
+        print(
+            f"usage: vioapr {prefix or 'VERB'} ...\n\n"
+            "Robust absolute poses from a pose regressor and a phone's visual-inertial odometry."
+            f"\n\n{describe_verbs(prefix)}\n\n"
+            "vioapr VERB --help explains a verb and its flags."
+        )
+    elif first == "--version":
+        print(f"vioapr {__version__}")
+    else:
+        known = [name for name in VERBS if not prefix or name.split()[0] == prefix]
+        raise VioAprError(
+            f"unknown verb {' '.join(arguments[: 2 if prefix else 1])!r}: expected one of "
+            f"{', '.join(known)} (see vioapr --help)"
+        )
+
+
+def parse_flags(
+    name: str, function: Callable[..., None], arguments: Sequence[str]
+) -> Callable[[], None]:
+    """Bind a verb to its flags without running it, so that only parsing errors are rewritten.
+
+    Args:
+        name: A key of `VERBS`.
+        function: The verb's.
+        arguments: What follows the verb.
+
+    Raises:
+        VioAprError: They are not the verb's flags.
+        SystemExit: Help was asked for, and is printed.
+    """
+    import tyro
+
+    @functools.wraps(function)
+    def bind(*args: object, **kwargs: object) -> Callable[[], None]:
+        return functools.partial(function, *args, **kwargs)
+
     messages = io.StringIO()
-    if " ".join(arguments[:2]) in VERBS:
-        arguments = [" ".join(arguments[:2]), *arguments[2:]]
     try:
         with redirect_stderr(messages):
-            return tyro.extras.subcommand_cli_from_dict(
-                {name: _deferred(verb) for name, verb in VERBS.items()},
-                prog="vioapr",
-                description=(
-                    "Robust absolute poses from a pose regressor and a phone's visual-inertial "
-                    "odometry."
-                ),
-                args=arguments or ["--help"],
-            )
+            return tyro.cli(bind, prog=f"vioapr {name}", args=arguments)
     except SystemExit as stop:
         if stop.code in (0, None):
             raise
-        raise VioAprError(_one_line(messages.getvalue())) from None
+        problem = summarize_parser_message(messages.getvalue())
+        raise VioAprError(f"{problem} (see vioapr {name} --help)") from None
 
 
-def _deferred(verb: Callable[..., Any]) -> Callable[..., Callable[[], Any]]:
-    @functools.wraps(verb)
-    def bind(*args: Any, **kwargs: Any) -> Callable[[], Any]:
-        return functools.partial(verb, *args, **kwargs)
+def summarize_parser_message(box: str) -> str:
+    """Say in one line what the parser says in a box of several, drawn or plain.
 
-    return bind
-
-
-def _one_line(box: str) -> str:
-    """The message out of the parser's box of several lines, drawn or plain."""
-    lines = [line.strip("│╭╮╰╯ ") for line in box.splitlines()]
+    Args:
+        box: A title, then sections with lines between them: the message, then hints.
+    """
+    lines = [line.strip("│╭╮╰╯").rstrip() for line in box.splitlines()[1:]]  # without the title
+    margin = min(len(line) - len(line.lstrip()) for line in lines if line.strip(" ─-"))
     sections: list[list[str]] = [[]]
-    for line in lines[1:]:  # the first is the box's title
-        if line and not line.strip("─-"):
+    for line in lines:
+        if line.strip(" ─-"):
+            sections[-1].append(line[margin:])
+        elif line.strip():
             sections.append([])
-        elif line:
-            sections[-1].append(line)
-    message, *others = (section for section in sections if section)
+    message, *hints = (section for section in sections if section)
     if message[0].startswith("Missing from"):
-        flags = [line.split()[0] for line in message if line.startswith("--")]
-        return f"missing {', '.join(flags)} (see vioapr --help)"
-    kept = [message, *(section for section in others if section[0].startswith("Available"))]
-    return "; ".join(" ".join(section).rstrip(".") for section in kept) + " (see vioapr --help)"
+        return f"missing {', '.join(_names_in(message))}"
+    similar = [
+        name
+        for hint in hints
+        if hint[0].startswith(("Perhaps you meant", "Arguments similar"))
+        for name in _names_in(hint)
+    ]
+    text = " ".join(line.strip() for line in message).rstrip(".")
+    return f"{text}; perhaps {' or '.join(similar)}" if similar else text
+
+
+def _names_in(section: list[str]) -> list[str]:
+    """Flags and positional arguments that a section lists; their texts are indented further."""
+    found = [re.match(r" {4}(\S+)", line) for line in section[1:]]
+    return [match[1] for match in found if match]

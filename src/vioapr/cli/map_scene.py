@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 from rich.table import Table
@@ -16,7 +16,7 @@ from vioapr.scene.scene import Scene
 
 
 def map_(
-    scene: tyro.conf.Positional[Path],
+    scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")],
     params: tyro.conf.OmitArgPrefixes[MappingParams] = MappingParams(),  # noqa: B008
 ) -> None:
     """Map a scene: structure from motion of its training recordings, metric and gravity-aligned.

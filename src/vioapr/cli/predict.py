@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -14,7 +14,7 @@ from vioapr.scene.scene import Scene
 
 
 def predict(
-    scene: tyro.conf.Positional[Path],
+    scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")],
     model: Path,
     split: Literal["train", "test", "all"] = "test",
     out: Path | None = None,

@@ -26,7 +26,7 @@ _MAX_NAMED = 3
 
 
 def scene_check(
-    folder: tyro.conf.Positional[Path],
+    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")],
     decode: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Verify a scene: every file, every line, every image; exit code 2 if anything is wrong.
@@ -52,7 +52,9 @@ def scene_check(
 
 
 def scene_info(
-    folders: tyro.conf.Positional[tuple[Path, ...]],
+    folders: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[SCENE ...]")
+    ],
     figure: Path | None = None,
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
 ) -> None:

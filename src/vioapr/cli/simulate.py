@@ -1,4 +1,4 @@
-"""`vioapr simulate courtyard`: a whole scene without a phone."""
+"""`vioapr simulate`: a whole scene without a phone, and walks without images."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 import tyro
 
 from vioapr.cli.console import console, progress
+from vioapr.errors import ParameterError
+from vioapr.scene.walks import write_walk
 
 
 def simulate_courtyard(
@@ -45,7 +47,7 @@ def simulate_courtyard(
         people: Passers-by.
         workers: Processes that render; by default one a core. They do not change the result.
     """
-    # Imported here: other commands should not wait for what only this one needs.
+    # Imported here: `simulate walks` should not wait for what only this verb needs.
     from vioapr.report.scene_preview import (
         Background,
         contact_sheet,
@@ -79,3 +81,28 @@ def simulate_courtyard(
         )
         console.print(f"{plan.id_}: {params.frames} images, {plan.weather}, {plan.route}{note}")
     console.print(f"scene: {out} (see preview.png and routes.png)", soft_wrap=True)
+
+
+def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:
+    """Simulate walks: ground truth, VIO and the predictions of a regressor, without images.
+
+    Files are like a user's own: try `vioapr inspect`, `fuse` and `evaluate` on them.
+
+    Args:
+        out: Folder to write a folder a walk to.
+        walks: Number of walks.
+        seed: Of the first walk; the same seed gives the same walks.
+    """
+    from vioapr.simulation.walks import WalkParams, simulate_walk
+
+    if walks < 1:
+        raise ParameterError(f"walks: expected at least 1, got {walks}")
+    if seed < 0:
+        raise ParameterError(f"seed: expected a number of at least 0, got {seed}")
+    with progress("simulating walks", walks) as tick:
+        for index in range(walks):
+            walk = simulate_walk(WalkParams(), seed + index)
+            folder = out / f"walk{index + 1:02d}"
+            write_walk(folder, gt=walk.gt, vios={"sim": walk.vio}, aprs={"simulated": walk.apr})
+            tick()
+    console.print(f"evaluate them: vioapr evaluate {out}", soft_wrap=True, markup=False)

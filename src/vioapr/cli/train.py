@@ -21,7 +21,7 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
 def train(
-    scenes: tyro.conf.Positional[tuple[Path, ...]],
+    scenes: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[SCENE ...]")],
     model: str = "posenet",
     out: Path | None = None,
     weights: Path | None = None,

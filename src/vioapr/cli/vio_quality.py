@@ -23,7 +23,7 @@ from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 
 def vio_quality(
-    paths: tyro.conf.Positional[tuple[Path, ...]],
+    paths: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[PATH ...]")],
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     figures: Path | None = None,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
