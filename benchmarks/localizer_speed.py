@@ -14,9 +14,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,8 +32,9 @@ from vioapr.export.exporter import Exporter
 from vioapr.fusion.methods import METHODS
 from vioapr.regression.networks import build
 from vioapr.regression.spec import RegressorSpec
-from vioapr.runtime.bench import example_feed, part_runs, summarize_ms
-from vioapr.runtime.localizer import open_session
+from vioapr.runtime.bench import Run, example_feed, part_runs, summarize_ms, time_in_turns
+from vioapr.runtime.session import open_session
+from vioapr.schemas.base import to_plain
 
 MODELS = {"posenet": "ResNet-34", "mobile": "MobileNetV3-Large"}
 PRECISIONS = ("fp16w", "int8w", "int8-qdq")
@@ -97,19 +96,13 @@ def measure(path: Path, threads: int, repeats: int) -> dict[str, Any]:
     """Times of the whole and its parts, in turns, and paired ratios."""
     session, contract = open_session(path, threads)
     feed = example_feed(contract, SIZE_PX)
-    runs: dict[str, Callable[[], Any]] = {"whole": lambda: session.run(None, feed)}
+    runs: dict[str, Run] = {"whole": lambda: session.run(None, feed)}
     runs |= part_runs(path, contract, feed, threads)
-    seconds = {name: np.zeros(repeats) for name in runs}
-    for repeat in range(-5, repeats):
-        for name, run in runs.items():
-            start = time.perf_counter()
-            run()
-            if repeat >= 0:
-                seconds[name][repeat] = time.perf_counter() - start
+    seconds = {name: np.array(times) for name, times in time_in_turns(runs, repeats).items()}
     network = seconds["network"]
     image_to_pose = network + seconds["preprocess"]
     return {
-        "ms": {name: summarize_ms(list(values)) for name, values in seconds.items()},
+        "ms": {name: to_plain(summarize_ms(list(values))) for name, values in seconds.items()},
         "whole_over_regressor": float(np.median(seconds["whole"] / network)),
         "whole_over_image_to_pose": float(np.median(seconds["whole"] / image_to_pose)),
         "fusion_over_regressor": float(np.median(seconds["fusion"] / network)),

@@ -12,11 +12,13 @@ for package in ("onnx", "onnxscript", "onnxruntime", "safetensors"):
     pytest.importorskip(package, reason=f"{package} is not installed")
 
 from vioapr.geometry.rigid import Rigid3  # noqa: E402
-from vioapr.runtime.localizer import OnnxLocalizer, open_session  # noqa: E402
+from vioapr.runtime.localizer import OnnxLocalizer  # noqa: E402
+from vioapr.runtime.session import open_session  # noqa: E402
 from vioapr.scene.frames import Tracking  # noqa: E402
 from vioapr.scene.info import RecordingInfo  # noqa: E402
 from vioapr.scene.scene import Scene  # noqa: E402
 from vioapr.scene.writer import RecordingWriter  # noqa: E402
+from vioapr.schemas.contract import Regressor  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def test_a_checkpoint_becomes_one_file(run, checkpoint, tmp_path):
     assert "MB" in text
     localizer = OnnxLocalizer(out)
     assert localizer.contract.precision == "fp16w"
-    assert localizer.contract.regressor == {"model": "mobile", "scenes": ["courtyard"]}
+    assert localizer.contract.regressor == Regressor("mobile", ("courtyard",))
     assert localizer.params["run_pairs"] == 3
     image = next(images(1))
     located = localizer.update(0.0, image, Rigid3.identity())

@@ -179,10 +179,10 @@ def altered(model, path, change):
         ("truncated", "truncated, damaged or something"),
         ("text", "truncated, damaged or something"),
         ("empty", "truncated, damaged or something"),
-        ("missing", "found no file of this name"),
+        ("missing", "found none of this name"),
         ("foreign", "found an ONNX file without the metadata 'vioapr'"),
-        ("future", "contract has version 99"),
-        ("garbled", "expected a contract in JSON"),
+        ("future", "contract: expected version 1, got 99"),
+        ("garbled", "contract: expected JSON"),
         ("renamed", "expected the contract's inputs"),
     ],
 )
@@ -270,6 +270,6 @@ def test_without_ground_truth_there_is_no_report(fails, model, recording, tmp_pa
 
 
 def test_errors_are_the_projects_own():
-    from vioapr.schemas.contract import ContractError
+    from vioapr.errors import ContractError
 
     assert issubclass(ContractError, VioAprError)

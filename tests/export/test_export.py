@@ -15,7 +15,8 @@ ort = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
 from vioapr.errors import ParameterError  # noqa: E402
 from vioapr.export.operators import ALLOWED, find_forbidden  # noqa: E402
-from vioapr.runtime.localizer import OnnxLocalizer, open_session  # noqa: E402
+from vioapr.runtime.localizer import OnnxLocalizer  # noqa: E402
+from vioapr.runtime.session import open_session  # noqa: E402
 
 
 def feed_of(row, image, walk, contract):
@@ -112,8 +113,8 @@ def test_the_contract_is_complete(name, model_of, exporter_of):
     assert parse(contract.to_json(), "again") == contract
     offsets = [1]
     for entry in contract.state_layout:
-        assert entry["offset"] == offsets[-1]
-        offsets.append(entry["offset"] + int(np.prod(entry["shape"])))
+        assert entry.offset == offsets[-1]
+        offsets.append(entry.offset + int(np.prod(entry.shape)))
     assert offsets[-1] == contract.state_size
 
 

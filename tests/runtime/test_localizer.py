@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from tests.localizers import images, vio_pose
 
-from vioapr.errors import ParameterError
+from vioapr.errors import ContractError, ParameterError
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
-from vioapr.schemas.contract import ContractError
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")

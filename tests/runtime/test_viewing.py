@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from tests.localizers import pictures, vio_pose
 
-from vioapr.errors import FormatError
+from vioapr.errors import UnwritableError
 from vioapr.fusion.types import Status
 from vioapr.geometry import rigid
 from vioapr.runtime.viewing import STATUS_RGB, BrowserView, RerunFile
@@ -62,7 +62,7 @@ def test_the_rerun_file_has_every_frame(frames, model_of, tmp_path):
     assert content[:3] == b"RRF"
     for name in (b"world/fused", b"world/gt", b"world/uncertainty"):
         assert name in content
-    with pytest.raises(FormatError, match="its folder does not exist"):
+    with pytest.raises(UnwritableError, match="its folder does not exist"):
         RerunFile(frames, tmp_path / "none" / "walk.rrd")
 
 

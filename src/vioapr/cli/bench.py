@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 from rich.table import Table
@@ -13,6 +12,8 @@ from vioapr.cli.console import console, progress
 from vioapr.errors import ParameterError
 from vioapr.files.text import write_text
 from vioapr.runtime.bench import bench
+from vioapr.schemas.base import encode
+from vioapr.schemas.bench import BenchResult
 
 _LABELS = {
     "whole": "whole localizer",
@@ -49,32 +50,32 @@ def bench_(
         found = bench(model, size=(height, width), repeats=repeats, threads=threads, tick=tick)
     _print(found)
     if json_out is not None:
-        write_text(json_out, json.dumps(found, indent=1) + "\n")
+        write_text(json_out, encode(found, indent=1))
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(found: BenchResult) -> None:
     title = (
-        f"{found['file']}: {found['regressor'].get('model')} {found['precision']}, "
-        f"{found['method']}; images {found['image_px'][1]}x{found['image_px'][0]}, "
-        f"{found['threads']} threads"
+        f"{found.file}: {found.regressor.model} {found.precision}, "
+        f"{found.method}; images {found.image_px[1]}x{found.image_px[0]}, "
+        f"{found.threads} threads"
     )
     table = Table(title=title, title_justify="left")
     table.add_column("ms a frame")
     for header in ("median", "p95", "p99", "of the whole"):
         table.add_column(header, justify="right")
-    whole = found["ms"]["whole"]["p50"]
-    for name, ms in found["ms"].items():
-        share = f"{100 * ms['p50'] / whole:.0f} %"
-        table.add_row(_LABELS[name], *(f"{ms[k]:.2f}" for k in ("p50", "p95", "p99")), share)
+    whole = found.ms["whole"].p50
+    for name, ms in found.ms.items():
+        values = (f"{value:.2f}" for value in (ms.p50, ms.p95, ms.p99))
+        table.add_row(_LABELS[name], *values, f"{100 * ms.p50 / whole:.0f} %")
     console.print(table)
-    memory, energy = found["memory_mb"], found["energy_j"]
+    memory, energy = found.memory_mb, found.energy_j
     facts = [
-        f"file {found['file_mb']:.1f} MB",
+        f"file {found.file_mb:.1f} MB",
         f"memory {'unknown' if memory is None else f'{memory:.0f} MB'}",
         "energy "
         + ("not exposed by this machine" if energy is None else f"{1e3 * energy:.1f} mJ a frame"),
-        found["machine"],
+        found.machine,
     ]
     console.print("; ".join(facts), soft_wrap=True, markup=False)
-    if found["note"]:
-        console.print(found["note"], soft_wrap=True, markup=False)
+    if found.note:
+        console.print(found.note, soft_wrap=True, markup=False)

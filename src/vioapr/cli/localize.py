@@ -122,7 +122,7 @@ def compare(walk: LocalizedWalk, localizer: OnnxLocalizer, model: Path) -> list[
     """The file's answers beside those of other methods on the same predictions."""
     assert walk.frames.gt is not None
     gt = walk.gt_world_from_cam(walk.frames.gt)
-    regressor = localizer.contract.regressor.get("model", "regressor")
+    regressor = localizer.contract.regressor.model or "regressor"
     case = Case(model.name, walk.frames.name, "tracker", regressor, walk.paired, gt)
     own = localizer.contract.method
     others = {name: get_method(name).params_type() for name in _COMPARED if name != own}

@@ -1,23 +1,34 @@
-"""The contract of what is exported: inputs and outputs in words."""
+"""The contracts of exported files: their inputs and outputs in words."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from itertools import accumulate
+
+import msgspec
 
 import vioapr
-from vioapr.export.graph import MAX_RUN_PAIRS, FusionGraph, Preprocessor
-from vioapr.schemas.contract import Contract, ParamSpec, TensorSpec
+from vioapr.export.graph import MAX_RUN_PAIRS, FusionGraph
+from vioapr.export.preprocess import Preprocessor
+from vioapr.fusion.types import Status
+from vioapr.schemas.contract import (
+    Contract,
+    ParamSpec,
+    Preprocessing,
+    Regressor,
+    StateArray,
+    TensorSpec,
+)
 
 _POSE, _ONE = (7,), (1,)
 
-_IMAGE = TensorSpec("image", "uint8", ("height", "width", 3), "RGB; any if has_image is 0")
-_HAS_IMAGE = TensorSpec("has_image", "float32", _ONE, "flag: this frame has an image")
-_APR = TensorSpec("apr_world_from_cam", "float32", _POSE, "the regressor's pose")
+_IMAGE_INPUTS = (
+    TensorSpec("image", "uint8", ("height", "width", 3), "RGB; any if has_image is 0"),
+    TensorSpec("has_image", "float32", _ONE, "flag: this frame has an image"),
+)
 _HAS_APR = TensorSpec("has_apr", "float32", _ONE, "flag: this frame has a regressor's pose")
 
-_FRAME = (
+_FRAME_INPUTS = (
     TensorSpec("vio_from_cam", "float32", _POSE, "the tracker's pose; any if tracking_ok is 0"),
     TensorSpec("timestamp_s", "float32", _ONE, "of the image, later than the last frame's"),
     TensorSpec("tracking_ok", "float32", _ONE, "flag: the tracker knows its pose"),
@@ -27,12 +38,12 @@ _FRAME = (
 )
 
 _APR_OUTPUTS = (
-    _APR,
+    TensorSpec("apr_world_from_cam", "float32", _POSE, "the regressor's pose"),
     TensorSpec("apr_sigma_position_m", "float32", _ONE, "the regressor's own, per axis, m"),
     TensorSpec("apr_sigma_orientation_deg", "float32", _ONE, "the regressor's own, deg"),
 )
 
-_FUSED = {
+_FUSED_OUTPUTS = {
     spec.name: spec
     for spec in (
         TensorSpec("world_from_cam", "float32", _POSE, "the fused pose; NaN if status is 0"),
@@ -49,78 +60,75 @@ _FUSED = {
 }
 
 
-def describe_apr(preprocess: Preprocessor, facts: Mapping[str, Any]) -> Contract:
-    """Of the regressor alone, the first of a split pair."""
-    return Contract("apr", (_IMAGE, _HAS_IMAGE), _APR_OUTPUTS, **_image(preprocess), **facts)
-
-
-def describe_fusion(fusion: FusionGraph, outputs: tuple[str, ...], **facts: Any) -> Contract:
-    """Of the fusion step alone, the second of a split pair."""
-    inputs = (*_APR_OUTPUTS, _HAS_APR, *_FRAME, *_state_inputs(fusion))
-    return Contract("fusion", inputs, _fused(fusion, outputs), **_method(fusion), **facts)
-
-
-def describe_localizer(
-    preprocess: Preprocessor,
-    fusion: FusionGraph,
-    outputs: tuple[str, ...],
-    facts: Mapping[str, Any],
-) -> Contract:
-    """Of the whole."""
-    inputs = (_IMAGE, _HAS_IMAGE, *_FRAME, *_state_inputs(fusion))
-    *fused, next_state = _fused(fusion, outputs)
+def describe_apr(preprocess: Preprocessor, regressor: Regressor, precision: str) -> Contract:
+    """Describe the regressor alone, the first of a split pair."""
     return Contract(
-        "localizer",
-        inputs,
-        (*fused, *_APR_OUTPUTS, next_state),
-        **_image(preprocess),
-        **_method(fusion),
-        **facts,
+        part="apr",
+        inputs=_IMAGE_INPUTS,
+        outputs=_APR_OUTPUTS,
+        statuses={str(int(status)): status.label for status in Status},
+        precision=precision,
+        image=Preprocessing(preprocess.resize, preprocess.crop),
+        regressor=regressor,
+        made_by=f"vioapr {vioapr.__version__}",
     )
 
 
-def made_by() -> str:
-    """Program and version."""
-    return f"vioapr {vioapr.__version__}"
+def describe_fusion(
+    fusion: FusionGraph, output_names: tuple[str, ...], regressor: Regressor, precision: str
+) -> Contract:
+    """Describe the fusion step alone, the second of a split pair.
+
+    Args:
+        fusion: The step.
+        output_names: In its order; the last is `next_state`.
+        regressor: Whose predictions it takes.
+        precision: Of the regressor.
+    """
+    layout = fusion.layout
+    state = TensorSpec("state", "float32", (layout.size,), "the last next_state, or zeros")
+    inputs = (*_APR_OUTPUTS, _HAS_APR, *_FRAME_INPUTS, state)
+    if names := fusion.param_names:
+        meaning = "numbers of the method: params"
+        inputs += (TensorSpec("params", "float32", (len(names),), meaning),)
+    next_state = TensorSpec("next_state", "float32", (layout.size,), "the state for the next frame")
+    fixed = asdict(fusion.params)
+    params = tuple(_describe_param(name, float(fixed.pop(name))) for name in names)
+    offsets = accumulate((leaf.size for leaf in layout.leaves), initial=1)
+    return Contract(
+        part="fusion",
+        inputs=inputs,
+        outputs=(*(_FUSED_OUTPUTS[name] for name in output_names[:-1]), next_state),
+        statuses={str(int(status)): status.label for status in Status},
+        precision=precision,
+        method=fusion.method.name,
+        params=params,
+        fixed_params=fixed,
+        state_size=layout.size,
+        state_tag=layout.tag,
+        state_layout=tuple(
+            StateArray(leaf.name, leaf.shape, offset)
+            for leaf, offset in zip(layout.leaves, offsets, strict=False)
+        ),
+        regressor=regressor,
+        made_by=f"vioapr {vioapr.__version__}",
+    )
 
 
-def _image(preprocess: Preprocessor) -> dict[str, Any]:
-    return {"image": {"resize": preprocess.resize, "crop": preprocess.crop}}
+def describe_localizer(apr: Contract, fusion: Contract) -> Contract:
+    """Describe the whole of a pair: the regressor's outputs are no inputs any more."""
+    state_and_params = fusion.inputs[len(_APR_OUTPUTS) + 1 + len(_FRAME_INPUTS) :]
+    *fused, next_state = fusion.outputs
+    return msgspec.structs.replace(
+        fusion,
+        part="localizer",
+        inputs=(*apr.inputs, *_FRAME_INPUTS, *state_and_params),
+        outputs=(*fused, *apr.outputs, next_state),
+        image=apr.image,
+    )
 
 
-def _state_inputs(fusion: FusionGraph) -> tuple[TensorSpec, ...]:
-    state = TensorSpec("state", "float32", (fusion.layout.size,), "the last next_state, or zeros")
-    names = fusion.param_names
-    if not names:
-        return (state,)
-    return state, TensorSpec("params", "float32", (len(names),), "numbers of the method: params")
-
-
-def _fused(fusion: FusionGraph, outputs: tuple[str, ...]) -> tuple[TensorSpec, ...]:
-    shape = (fusion.layout.size,)
-    next_state = TensorSpec("next_state", "float32", shape, "the state for the next frame")
-    return tuple(_FUSED.get(name, next_state) for name in outputs)
-
-
-def _method(fusion: FusionGraph) -> dict[str, Any]:
-    values = asdict(fusion.params)
-    run_time = tuple(_param(name, values) for name in fusion.param_names)
-    offset, layout = 1, []
-    for leaf in fusion.layout.leaves:
-        layout.append({"name": leaf.name, "shape": list(leaf.shape), "offset": offset})
-        offset += leaf.size
-    return {
-        "method": fusion.method.name,
-        "params": run_time,
-        "fixed_params": {k: v for k, v in values.items() if k not in fusion.param_names},
-        "state_size": fusion.layout.size,
-        "state_tag": fusion.layout.tag,
-        "state_layout": tuple(layout),
-    }
-
-
-def _param(name: str, values: Mapping[str, Any]) -> ParamSpec:
-    default = float(values[name])
+def _describe_param(name: str, default: float) -> ParamSpec:
     if name == "run_pairs":
         return ParamSpec(name, default, 1, max(default, MAX_RUN_PAIRS))
     return ParamSpec(name, default, 1 if name == "optimized_frames" else 0)

@@ -13,12 +13,12 @@ import torch
 from torch import Tensor, nn
 
 from vioapr.errors import ParameterError
-from vioapr.export.describe import describe_apr, describe_fusion, describe_localizer, made_by
+from vioapr.export.describe import describe_apr, describe_fusion, describe_localizer
 from vioapr.export.graph import AprPose, FusionGraph, LocalizerGraph, NetworkGraph
 from vioapr.export.onnx_graph import finish, join, rename_input, trace
 from vioapr.export.preprocess import Preprocessor
 from vioapr.fusion.types import Method
-from vioapr.schemas.contract import Contract
+from vioapr.schemas.contract import Contract, Regressor
 
 _NETWORK_INPUT = "network_input"
 _EXAMPLE = (480, 640, 3)
@@ -99,9 +99,7 @@ class Exporter:
         fusion = onnx.ModelProto()
         fusion.CopyFrom(self._traced_fusion)
         rename_input(fusion, "has_apr", "has_image")
-        contract = describe_localizer(
-            self.preprocess, self.fusion, self._fused_names, self._facts(precision)
-        )
+        contract = describe_localizer(*self._contracts(precision))
         parts = {"preprocess": self._traced_preprocess, "network": network, "fusion": fusion}
         model = join(parts, contract.output_names)
         return ExportedFile(finish(model, contract), contract)
@@ -111,10 +109,8 @@ class Exporter:
     ) -> tuple[ExportedFile, ExportedFile]:
         """Regressor and fusion as two files, for runtimes that run them on different devices."""
         network = self._network(precision, calibration)
-        facts = self._facts(precision)
-        apr = describe_apr(self.preprocess, facts)
+        apr, fusion = self._contracts(precision)
         parts = {"preprocess": self._traced_preprocess, "network": network}
-        fusion = describe_fusion(self.fusion, self._fused_names, **facts)
         return (
             ExportedFile(finish(join(parts, apr.output_names), apr), apr),
             ExportedFile(
@@ -122,12 +118,12 @@ class Exporter:
             ),
         )
 
-    def _facts(self, precision: str) -> dict[str, Any]:
-        return {
-            "precision": precision,
-            "regressor": {"model": self.spec.model, "scenes": list(self.spec.scenes)},
-            "made_by": made_by(),
-        }
+    def _contracts(self, precision: str) -> tuple[Contract, Contract]:
+        regressor = Regressor(self.spec.model, self.spec.scenes)
+        return (
+            describe_apr(self.preprocess, regressor, precision),
+            describe_fusion(self.fusion, self._fused_names, regressor, precision),
+        )
 
     @cached_property
     def _traced_preprocess(self) -> onnx.ModelProto:

@@ -15,9 +15,10 @@ import numpy as np
 
 from vioapr.fusion.types import Method
 from vioapr.geometry.arrays import Array, namespace
+from vioapr.geometry.tree import tree_leaves, tree_map, tree_paths
 
 _TAG_BITS = 23
-"""float32 holds integers of so many bits exactly, with one to spare."""
+"""float32 holds integers of this many bits exactly, with one to spare."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +42,14 @@ class Leaf:
 
 
 class StateLayout:
-    """Where every array of a method's state lies in the flat vector.
+    """The place of every array of a method's state in the flat vector.
 
     Attributes:
         leaves: In order.
         size: Elements of the vector, the tag included.
-        tag: What element 0 holds once a frame has been taken in: depends on the method, its
-            structure and the caller's own words, so that states of other models are told.
+        tag: Element 0 once a frame has been taken in: a whole number from 1 to 2^23. It depends
+            on the method, its structure and the caller's own words, so that states of other
+            models are told apart.
         initial: Shape (size,), the state before the first frame, spelled out.
     """
 
@@ -60,13 +62,15 @@ class StateLayout:
             identity: What else a state must not be mixed up between, e.g. the regressor.
         """
         self._template = method.init(params, (1,), np.zeros((1,), dtype=np.float32))
-        arrays = list(_flatten(self._template, ""))
+        arrays = list(tree_leaves(self._template))
         self.leaves = tuple(
-            Leaf(name, tuple(array.shape[1:]), array.dtype == np.bool_) for name, array in arrays
+            Leaf(name, tuple(array.shape[1:]), array.dtype == np.bool_)
+            for name, array in zip(tree_paths(self._template), arrays, strict=True)
         )
         self.size = 1 + sum(leaf.size for leaf in self.leaves)
-        self.tag = _make_tag(f"{method.name} {self.leaves} {identity}")
-        parts = [array.astype(np.float32).reshape(-1) for _, array in arrays]
+        words = f"{method.name} {self.leaves} {identity}"
+        self.tag = 1 + zlib.crc32(words.encode()) % 2**_TAG_BITS
+        parts = [array.astype(np.float32).reshape(-1) for array in arrays]
         self.initial = np.concatenate([[np.float32(self.tag)], *parts]).astype(np.float32)
 
     def unpack(self, pieces: list[Array]) -> Any:
@@ -74,39 +78,17 @@ class StateLayout:
         arrays = []
         for leaf, piece in zip(self.leaves, pieces, strict=True):
             xp = namespace(piece)
-            shaped = xp.reshape(piece, (1, *leaf.shape)) if leaf.shape != (leaf.size,) else None
-            array = shaped if shaped is not None else piece[None]
+            is_vector = leaf.shape == (leaf.size,)
+            array = piece[None] if is_vector else xp.reshape(piece, (1, *leaf.shape))
             arrays.append(array > 0.5 if leaf.is_boolean else array)
-        return _rebuild(self._template, iter(arrays))
+        following = iter(arrays)
+        return tree_map(lambda _: next(following), self._template)
 
     def pack(self, state: Any) -> list[Array]:
         """The pieces of the vector, each of shape (k,), from a state of batch shape (1,)."""
         pieces = []
-        for _, array in _flatten(state, ""):
+        for array in tree_leaves(state):
             xp = namespace(array)
             is_float = xp.isdtype(array.dtype, "real floating")
-            piece = array if is_float else xp.astype(array, xp.float32)
-            pieces.append(xp.reshape(piece, (-1,)))
+            pieces.append(xp.reshape(array if is_float else xp.astype(array, xp.float32), (-1,)))
         return pieces
-
-
-def _flatten(tree: Any, name: str):
-    """Arrays of nested named tuples with their paths."""
-    if not isinstance(tree, tuple):
-        yield name, tree
-        return
-    fields = getattr(tree, "_fields", None)
-    assert fields is not None, "states are named tuples"
-    for field, part in zip(fields, tree, strict=True):
-        yield from _flatten(part, f"{name}.{field}" if name else field)
-
-
-def _rebuild(template: Any, arrays: Any) -> Any:
-    if not isinstance(template, tuple):
-        return next(arrays)
-    return type(template)(*(_rebuild(part, arrays) for part in template))
-
-
-def _make_tag(identity: str) -> int:
-    """A whole number from 1 to 2^23: zero is the state before the first frame."""
-    return 1 + zlib.crc32(identity.encode()) % (2**_TAG_BITS)

@@ -39,3 +39,12 @@ def tree_leaves(tree: object) -> Iterator[Any]:
             yield from tree_leaves(branch)
     elif tree is not None:
         yield tree
+
+
+def tree_paths(tree: object, root: str = "") -> Iterator[str]:
+    """The names of `tree_leaves`, in the same order: field names joined by dots."""
+    if isinstance(tree, tuple):
+        for field, branch in zip(getattr(tree, "_fields", range(len(tree))), tree, strict=True):
+            yield from tree_paths(branch, f"{root}.{field}" if root else str(field))
+    elif tree is not None:
+        yield root

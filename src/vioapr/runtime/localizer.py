@@ -1,21 +1,20 @@
 """Running an exported localizer with onnxruntime alone: no PyTorch is needed.
 
-A client in another language does the same; docs/contract.md says what.
+A client in another language does the same; docs/contract.md says how.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vioapr.errors import MissingExtraError, ParameterError
+from vioapr.errors import ContractError
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
-from vioapr.schemas import contract as contracts
-from vioapr.schemas.contract import Contract, ContractError
+from vioapr.runtime.session import open_session, require_localizer
 from vioapr.trajectory import UNIT_TOLERANCE
 
 _NO_POSE = np.array([0, 0, 0, 0, 0, 0, 1], dtype=np.float32)
@@ -23,7 +22,7 @@ _NO_IMAGE = np.zeros((1, 1, 3), dtype=np.uint8)
 
 
 class Located(NamedTuple):
-    """A frame's answer.
+    """The answer to a frame.
 
     Attributes:
         status: Where the pose comes from.
@@ -31,11 +30,11 @@ class Located(NamedTuple):
         world_from_vio: Where the tracking world lies in the map; NaN while unknown.
         confirmed_run: See `vioapr.fusion.types.Estimate`.
         sigma_position_m: Per axis, or None where the method has none.
-        sigma_orientation_deg: Likewise.
+        sigma_orientation_deg: Per axis, or None where the method has none.
         sigma_position_axes_m: Shape (3,), along the world's axes, or None.
         apr_world_from_cam: The regressor's own pose; NaN for a frame without image.
-        apr_sigma_position_m: The regressor's own uncertainty per axis; NaN likewise.
-        apr_sigma_orientation_deg: Likewise.
+        apr_sigma_position_m: The regressor's own, per axis; NaN for a frame without image.
+        apr_sigma_orientation_deg: The regressor's own, per axis; NaN for a frame without image.
     """
 
     status: Status
@@ -49,73 +48,44 @@ class Located(NamedTuple):
     apr_sigma_position_m: float
     apr_sigma_orientation_deg: float
 
+    @classmethod
+    def from_outputs(cls, outputs: dict[str, NDArray]) -> Located:
+        """Read the outputs of a file.
 
-def open_session(path: Path, threads: int | None = None) -> tuple[Any, Contract]:
-    """Load any file that `vioapr export` wrote.
-
-    Args:
-        path: The file.
-        threads: For every operator; None for all cores.
-
-    Returns:
-        onnxruntime's session and the contract.
-
-    Raises:
-        ContractError: It is none, is truncated, or of a later version.
-        MissingExtraError: onnxruntime is not installed.
-    """
-    try:
-        import onnxruntime
-    except ImportError:
-        raise MissingExtraError("running a localizer", "onnxruntime", "runtime") from None
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "no file of this name"
-        raise ContractError(f"{path}: expected a localizer (.onnx), found {found}")
-    options = session_options(threads)
-    try:
-        content = path.read_bytes()
-        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except OSError as error:
-        raise ContractError(f"{path}: cannot be read: {error.strerror}") from None
-    except Exception as error:  # onnxruntime has no common class of its errors
-        raise ContractError(
-            f"{path}: expected an ONNX file, found one that is truncated, damaged or something "
-            f"else ({_first_line(error)})"
-        ) from None
-    metadata = session.get_modelmeta().custom_metadata_map
-    contract = contracts.parse(metadata.get(contracts.METADATA_KEY), str(path))
-    _check_session(session, contract, path)
-    return session, contract
-
-
-def session_options(threads: int | None) -> Any:
-    """Onnxruntime's options for one of several sessions of a process."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3
-    options.intra_op_num_threads = threads or 0
-    # Between frames, idle workers would take the processor from other sessions, and the battery.
-    options.add_session_config_entry("session.force_spinning_stop", "1")
-    return options
-
-
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0][:160] if lines else type(error).__name__
-
-
-def _check_session(session: Any, contract: Contract, path: Path) -> None:
-    for kind, specs, found in (
-        ("inputs", contract.inputs, session.get_inputs()),
-        ("outputs", contract.outputs, session.get_outputs()),
-    ):
-        expected, names = [spec.name for spec in specs], [value.name for value in found]
-        if expected != names:
+        Raises:
+            ContractError: There is a pose without a status that says so, or the other way round.
+        """
+        status = Status(int(outputs["status"][0]))
+        if np.isfinite(outputs["world_from_cam"]).all() == (status == Status.UNLOCALIZED):
             raise ContractError(
-                f"{path}: expected the contract's {kind} {', '.join(expected)}, found "
-                f"{', '.join(names)}"
+                f"the file answered with status {status.label} and the pose "
+                f"{outputs['world_from_cam'].tolist()}, which its contract forbids: export it again"
             )
+        numbers = {name: float(values[0]) for name, values in outputs.items() if len(values) == 1}
+        axes_m = outputs.get("sigma_position_axes_m")
+        return cls(
+            status,
+            unflatten_pose(outputs["world_from_cam"]),
+            unflatten_pose(outputs["world_from_vio"]),
+            int(outputs["confirmed_run"][0]),
+            numbers.get("sigma_position_m"),
+            numbers.get("sigma_orientation_deg"),
+            None if axes_m is None else axes_m.astype(np.float64),
+            unflatten_pose(outputs["apr_world_from_cam"]),
+            numbers["apr_sigma_position_m"],
+            numbers["apr_sigma_orientation_deg"],
+        )
+
+
+def flatten_pose(pose: Rigid3) -> NDArray[np.float32]:
+    """Write a pose as the contract does: x y z qx qy qz qw, shape (7,)."""
+    return np.concatenate([*pose], axis=-1).astype(np.float32)
+
+
+def unflatten_pose(flat: NDArray[np.floating]) -> Rigid3:
+    """Read a pose from x y z qx qy qz qw, shape (7,)."""
+    position_m, quat_xyzw = np.split(flat.astype(np.float64), [3])
+    return Rigid3(position_m, quat_xyzw)
 
 
 class OnnxLocalizer:
@@ -141,21 +111,18 @@ class OnnxLocalizer:
         """Load a file and start without any knowledge.
 
         Args:
-            path: What `vioapr export` wrote.
+            path: A file that `vioapr export` wrote.
             params: Numbers of the method that are not to have their defaults.
-            threads: See `open_session`.
+            threads: For every operator; None for all cores.
 
         Raises:
+            FileError: The file cannot be read, or is none; see `open_session`.
             ContractError: The file is not a whole localizer.
             ParameterError: A number that the file does not have, or cannot have.
         """
         self._session, self.contract = open_session(path, threads)
-        if self.contract.part != "localizer":
-            raise ContractError(
-                f"{path}: expected a whole localizer, found the part {self.contract.part!r} of a "
-                "split one: export without --split"
-            )
-        self.params = _check_params(self.contract, params or {})
+        require_localizer(self.contract, path)
+        self.params = self.contract.fill_params(params or {})
         self.reset()
 
     def reset(self) -> None:
@@ -166,12 +133,27 @@ class OnnxLocalizer:
 
     @property
     def state(self) -> NDArray[np.float32]:
-        """What is remembered, to be stored and set again: shape (state_size,)."""
+        """The memory, to be stored and set again: shape (state_size,).
+
+        Setting it raises a ContractError if it is not finite or of another model.
+        """
         return self._state.copy()
 
     @state.setter
     def state(self, state: ArrayLike) -> None:
-        self._state = check_state(self.contract, np.asarray(state))
+        array, size, tag = np.asarray(state), self.contract.state_size, self.contract.state_tag
+        if array.shape != (size,):
+            raise ContractError(
+                f"state: expected shape ({size},), got {array.shape}: is it of another model?"
+            )
+        if not np.isfinite(array).all():
+            raise ContractError("state: expected finite numbers, got NaN or inf")
+        if array[0] != tag and array.any():
+            raise ContractError(
+                f"state: expected the tag {tag} of this model in element 0, got {array[0]:.0f}: "
+                "it is of another model"
+            )
+        self._state = array.astype(np.float32)
 
     def update(
         self,
@@ -187,7 +169,7 @@ class OnnxLocalizer:
             timestamp_s: Of the image, s, on any clock, later than the last frame's.
             image: Shape (height, width, 3), uint8, RGB, or None for a frame without.
             vio_from_cam: The tracker's pose (y-up world, OpenCV camera), or None if it is lost.
-            tracking_reset: Whether the tracker's world is a new one from this frame on.
+            tracking_reset: Whether the tracker's world is a new one since this frame.
 
         Raises:
             ContractError: An input that the contract does not allow.
@@ -197,14 +179,24 @@ class OnnxLocalizer:
                 f"timestamp_s: expected a finite time after the last frame's ({self._last_s:.6f} "
                 f"s), got {timestamp_s}"
             )
+        if image is not None:
+            require_image(image)
+        if vio_from_cam is not None:
+            require_pose(vio_from_cam)
+        if self._start_s is None:
+            self._start_s = float(timestamp_s)
+        flags = {
+            "has_image": image is not None,
+            "tracking_ok": vio_from_cam is not None,
+            "tracking_reset": tracking_reset,
+        }
         feed = {
-            "image": _NO_IMAGE if image is None else _check_image(image),
-            "has_image": _flag(image is not None),
-            "vio_from_cam": _NO_POSE if vio_from_cam is None else _check_pose(vio_from_cam),
-            "timestamp_s": self._since_start(timestamp_s),
-            "tracking_ok": _flag(vio_from_cam is not None),
-            "tracking_reset": _flag(tracking_reset),
+            "image": _NO_IMAGE if image is None else np.ascontiguousarray(image),
+            "vio_from_cam": _NO_POSE if vio_from_cam is None else flatten_pose(vio_from_cam),
+            # Single precision is too coarse for seconds since 1970.
+            "timestamp_s": np.array([timestamp_s - self._start_s], dtype=np.float32),
             "state": self._state,
+            **{name: np.array([flag], dtype=np.float32) for name, flag in flags.items()},
         }
         if self.params:
             feed["params"] = np.array([*self.params.values()], dtype=np.float32)
@@ -212,67 +204,29 @@ class OnnxLocalizer:
         outputs = dict(zip(names, self._session.run(names, feed), strict=True))
         self._state = outputs["next_state"]
         self._last_s = float(timestamp_s)
-        return _read(outputs)
-
-    def _since_start(self, timestamp_s: float) -> NDArray[np.float32]:
-        """In single precision, which is too coarse for seconds since 1970."""
-        if self._start_s is None:
-            self._start_s = float(timestamp_s)
-        return np.array([timestamp_s - self._start_s], dtype=np.float32)
+        return Located.from_outputs(outputs)
 
 
-def check_state(contract: Contract, state: NDArray) -> NDArray[np.float32]:
-    """A state of this very file, or zeros.
+def require_image(image: ArrayLike) -> None:
+    """See that an image is one that a localizer takes.
 
     Raises:
-        ContractError: It is of another model, or not finite.
+        ContractError: It is not RGB in uint8, or has no pixels.
     """
-    if state.shape != (contract.state_size,):
-        raise ContractError(
-            f"state: expected shape ({contract.state_size},), got {state.shape}: is it of "
-            "another model?"
-        )
-    if not np.isfinite(state).all():
-        raise ContractError("state: expected finite numbers, got NaN or inf")
-    if state[0] != contract.state_tag and state.any():
-        raise ContractError(
-            f"state: expected the tag {contract.state_tag} of this model in element 0, got "
-            f"{state[0]:.0f}: it is of another model"
-        )
-    return state.astype(np.float32)
-
-
-def _check_params(contract: Contract, given: dict[str, float]) -> dict[str, float]:
-    known = {spec.name: spec for spec in contract.params}
-    if unknown := sorted(set(given) - set(known)):
-        raise ParameterError(
-            f"{unknown[0]}: expected one of the file's parameters "
-            f"({', '.join(known) or 'it has none'})"
-        )
-    values = {name: float(given.get(name, spec.default)) for name, spec in known.items()}
-    for name, value in values.items():
-        least, most = known[name].least, known[name].most
-        if not least <= value <= (np.inf if most is None else most):
-            upper = "" if most is None else f" to {most:g}"
-            raise ParameterError(f"{name}: expected a number from {least:g}{upper}, got {value}")
-    return values
-
-
-def _flag(value: bool) -> NDArray[np.float32]:
-    return np.array([value], dtype=np.float32)
-
-
-def _check_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     array = np.asarray(image)
     if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or 0 in array.shape:
         raise ContractError(
             "image: expected RGB of shape (height, width, 3) and type uint8, got "
             f"{array.shape} {array.dtype}"
         )
-    return np.ascontiguousarray(array)
 
 
-def _check_pose(vio_from_cam: Rigid3) -> NDArray[np.float32]:
+def require_pose(vio_from_cam: Rigid3) -> None:
+    """See that a tracker's pose is one that a localizer takes.
+
+    Raises:
+        ContractError: It is not one pose, not finite, or its quaternion not a unit one.
+    """
     flat = np.concatenate([np.asarray(part, dtype=np.float64) for part in vio_from_cam], axis=-1)
     if flat.shape != (7,) or not np.isfinite(flat).all():
         raise ContractError(
@@ -282,36 +236,3 @@ def _check_pose(vio_from_cam: Rigid3) -> NDArray[np.float32]:
     length = float(np.linalg.norm(flat[3:]))
     if abs(length - 1) > UNIT_TOLERANCE:
         raise ContractError(f"vio_from_cam: expected a unit quaternion, got one of norm {length:g}")
-    return flat.astype(np.float32)
-
-
-def _read(outputs: dict[str, NDArray]) -> Located:
-    status = Status(int(outputs["status"][0]))
-    pose = outputs["world_from_cam"]
-    if np.isfinite(pose).all() == (status == Status.UNLOCALIZED):
-        raise ContractError(
-            f"the file answered with status {status.label} and the pose {pose.tolist()}, which "
-            "its contract forbids: export it anew"
-        )
-    axes = outputs.get("sigma_position_axes_m")
-    return Located(
-        status,
-        _rigid(pose),
-        _rigid(outputs["world_from_vio"]),
-        int(outputs["confirmed_run"][0]),
-        _number(outputs.get("sigma_position_m")),
-        _number(outputs.get("sigma_orientation_deg")),
-        None if axes is None else axes.astype(np.float64),
-        _rigid(outputs["apr_world_from_cam"]),
-        float(outputs["apr_sigma_position_m"][0]),
-        float(outputs["apr_sigma_orientation_deg"][0]),
-    )
-
-
-def _number(array: NDArray | None) -> float | None:
-    return None if array is None else float(array[0])
-
-
-def _rigid(flat: NDArray) -> Rigid3:
-    pose = flat.astype(np.float64)
-    return Rigid3(pose[:3], pose[3:])

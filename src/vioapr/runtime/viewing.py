@@ -1,4 +1,4 @@
-"""Looking at a walk while it is localized: in a browser (viser), or as a rerun file."""
+"""Show a walk while it is localized: in a browser (viser), or as a rerun file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vioapr.errors import FormatError, MissingExtraError
+from vioapr.errors import MissingExtraError, UnwritableError
 from vioapr.files.images import read_rgb
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
@@ -27,7 +27,7 @@ STATUS_RGB: dict[Status, tuple[int, int, int]] = {
 _GT_RGB = (60, 60, 60)
 _FOV_RAD, _ASPECT = 1.0, 4 / 3
 _THUMBNAIL_STEP = 8
-"""Every so many pixels of an image are shown in its frustum."""
+"""Of an image, one row and one column in this many are shown in its frustum."""
 
 
 class BrowserView:
@@ -46,7 +46,7 @@ class BrowserView:
         try:
             import viser
         except ImportError:
-            raise MissingExtraError("--view", "viser", "viser") from None
+            raise MissingExtraError("showing a walk in a browser", "viser", "viser") from None
         self.server: Any = viser.ViserServer(host="127.0.0.1", verbose=False)
         self._frames, self._say, self._row = frames, say, 0
         self._last: np.ndarray | None = None
@@ -92,14 +92,14 @@ class RerunFile:
 
         Raises:
             MissingExtraError: rerun-sdk is not installed.
-            FormatError: The file cannot be written.
+            UnwritableError: Its folder does not exist.
         """
         try:
             import rerun  # pyright: ignore[reportMissingImports]
         except ImportError:
-            raise MissingExtraError("--rrd", "rerun-sdk", "rerun") from None
+            raise MissingExtraError("writing a rerun file", "rerun-sdk", "rerun") from None
         if not path.resolve().parent.is_dir():
-            raise FormatError(path, "cannot be written: its folder does not exist")
+            raise UnwritableError(path, "cannot be written: its folder does not exist")
         self._rerun, self._frames, self._row = rerun, frames, 0
         self._stream = rerun.RecordingStream("vioapr")
         self._stream.save(path)

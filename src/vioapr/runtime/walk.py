@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import FileMissingError, FormatError, ParameterError
 from vioapr.files.images import read_rgb
 from vioapr.fusion.offline import FusedWalk
 from vioapr.fusion.pairing import PairedFrames
@@ -27,7 +27,7 @@ from vioapr.trajectory import Trajectory, poses_of_frames
 
 @dataclass(frozen=True, eq=False)
 class WalkFrames:
-    """What a phone would feed the localizer, n frames.
+    """The frames that a phone would feed a localizer, n of them.
 
     Attributes:
         name: Of the walk, for people.
@@ -55,31 +55,25 @@ class WalkFrames:
 
 
 def frames_of_recording(folder: Path) -> WalkFrames:
-    """A recording's frames; ground truth is that of the scene that it lies in, if any.
+    """Read a recording's frames; ground truth is that of the scene that it lies in, if any.
 
     Raises:
-        FormatError: It is none, or has no frames.
+        FileError: It is no recording, or has no frames.
     """
     recording = Recording.open(folder)
     frames = recording.frames
     if not len(frames):
         raise FormatError(folder, "expected frames, found none")
     images = tuple(folder / IMAGES_FOLDER / name if name else None for name in frames.image)
+    gt, real = None, folder.resolve()
+    if real.parent.name == RECORDINGS_FOLDER and (real.parents[1] / "scene.toml").exists():
+        gt = Scene.open(real.parents[1]).gt(real.name)
     resets = frames.tracking == Tracking.RESET
-    return WalkFrames(
-        recording.id, frames.timestamp_s, images, frames.vio_from_cam, resets, _gt_in_scene(folder)
-    )
-
-
-def _gt_in_scene(folder: Path) -> Trajectory | None:
-    real = folder.resolve()
-    if real.parent.name != RECORDINGS_FOLDER or not (real.parents[1] / "scene.toml").exists():
-        return None
-    return Scene.open(real.parents[1]).gt(real.name)
+    return WalkFrames(recording.id, frames.timestamp_s, images, frames.vio_from_cam, resets, gt)
 
 
 def frames_of_images(pattern: str, vio: Path) -> WalkFrames:
-    """Images of one folder with a trajectory file of the tracker's poses.
+    """Read images of one folder, and the tracker's poses from a trajectory file.
 
     Poses belong to images by name, else by timestamps in the images' names, else in order.
 
@@ -88,16 +82,16 @@ def frames_of_images(pattern: str, vio: Path) -> WalkFrames:
         vio: vio_from_cam, of any format that is read.
 
     Raises:
-        FormatError: No images, or none with a pose.
+        FileError: No images, or none with a pose.
         ParameterError: They lie in several folders.
     """
     start = Path(pattern).anchor
     paths = sorted(Path(start).glob(str(Path(pattern).relative_to(start))))
     folders = {path.parent for path in paths}
     if not paths:
-        raise FormatError(pattern, "expected images, found no file that fits this pattern")
+        raise FileMissingError(pattern, "expected images, found no file that fits this pattern")
     if len(folders) > 1:
-        raise ParameterError(f"--images: expected images of one folder, got {len(folders)} folders")
+        raise ParameterError(f"pattern: expected images of one folder, got {len(folders)} folders")
     (walk,) = (
         walk
         for scene in IMAGES.read(folders.pop(), ImportOptions(poses=vio, id="walk"))
@@ -119,11 +113,11 @@ def frames_of_images(pattern: str, vio: Path) -> WalkFrames:
 
 @dataclass(frozen=True, eq=False)
 class LocalizedWalk:
-    """The answers.
+    """A walk and the answers to its frames.
 
     Attributes:
-        frames: What was fed.
-        located: One a frame.
+        frames: As they were fed.
+        located: An answer a frame.
     """
 
     frames: WalkFrames
@@ -131,7 +125,7 @@ class LocalizedWalk:
 
     @property
     def fused(self) -> FusedWalk:
-        """As every fusion method's result, as known when each frame arrived."""
+        """The poses as a fusion method gives them, as known when each frame arrived."""
         first = self.located[0]
         sigmas = (
             None if getattr(first, name) is None else self._column(name)
@@ -152,13 +146,13 @@ class LocalizedWalk:
         sigma_m, sigma_deg = map(
             self._column, ("apr_sigma_position_m", "apr_sigma_orientation_deg")
         )
-        has_apr = apr.is_known
+        has_apr, identity = apr.is_known, Rigid3.identity((len(frames),))
         return PairedFrames(
             FrameInput(
                 frames.timestamp_s,
-                _known(apr, has_apr),
+                rigid.choose(has_apr, apr, identity),
                 has_apr,
-                _known(frames.vio_from_cam, frames.has_pose),
+                rigid.choose(frames.has_pose, frames.vio_from_cam, identity),
                 frames.has_pose,
                 frames.tracking_reset,
                 sigma_m,
@@ -174,11 +168,6 @@ class LocalizedWalk:
         return np.array([getattr(one, name) for one in self.located])
 
 
-def _known(poses: Rigid3, is_known: NDArray[np.bool_]) -> Rigid3:
-    """The identity where there is no pose."""
-    return rigid.choose(is_known, poses, Rigid3.identity(is_known.shape))
-
-
 def localize(
     localizer: OnnxLocalizer,
     frames: WalkFrames,
@@ -186,18 +175,15 @@ def localize(
 ) -> LocalizedWalk:
     """Feed a walk's frames as they would arrive.
 
+    Args:
+        localizer: That has seen no frame, or frames of the same tracking world.
+        frames: Of the walk.
+        tick: Called with every answer.
+
     Raises:
-        FormatError: An image cannot be read.
+        FileError: An image cannot be read.
     """
-    return LocalizedWalk(frames, tuple(_answers(localizer, frames, tick)))
-
-
-def _answers(
-    localizer: OnnxLocalizer,
-    frames: WalkFrames,
-    tick: Callable[[Located], object] | None,
-) -> Iterator[Located]:
-    has_pose = frames.has_pose
+    has_pose, answers = frames.has_pose, []
     for row, path in enumerate(frames.images):
         located = localizer.update(
             float(frames.timestamp_s[row]),
@@ -207,4 +193,5 @@ def _answers(
         )
         if tick is not None:
             tick(located)
-        yield located
+        answers.append(located)
+    return LocalizedWalk(frames, tuple(answers))

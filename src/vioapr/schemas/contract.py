@@ -1,19 +1,21 @@
-"""What a client of an exported file has to know, as JSON in the file's metadata.
+"""The contract of an exported file: what its clients have to know, as JSON in its metadata.
 
-docs/contract.md says the same in words. This module needs neither PyTorch nor onnx.
+docs/contract.md says the same in words.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field
-from typing import Any
+import math
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
 
-from vioapr.errors import VioAprError
-from vioapr.fusion.types import Status
+import msgspec
 
-FORMAT, VERSION = "vioapr localizer", 1
+from vioapr.errors import FileError, FormatError, ParameterError
+from vioapr.schemas.base import Document, Record, decode, encode
+
 METADATA_KEY = "vioapr"
+"""Where the contract stands in the metadata of an ONNX file."""
 
 CONVENTIONS = {
     "pose": "7 numbers: x, y, z, qx, qy, qz, qw; p_target = R(q) p_source + (x, y, z)",
@@ -28,13 +30,10 @@ CONVENTIONS = {
     "nan": "an unknown pose, position or uncertainty is NaN in all its numbers",
 }
 
-
-class ContractError(VioAprError):
-    """A file, or what is fed to it, is not what the contract says."""
+Count = Annotated[int, msgspec.Meta(ge=0)]
 
 
-@dataclass(frozen=True)
-class TensorSpec:
+class TensorSpec(Record, frozen=True):
     """An input or output.
 
     Attributes:
@@ -46,17 +45,16 @@ class TensorSpec:
 
     name: str
     dtype: str
-    shape: tuple[int | str, ...]
-    meaning: str
+    shape: tuple[Count | str, ...]
+    meaning: str = ""
 
 
-@dataclass(frozen=True)
-class ParamSpec:
+class ParamSpec(Record, frozen=True):
     """A number of the input `params`.
 
     Attributes:
         name: With unit.
-        default: What to pass unless told otherwise.
+        default: The value to pass unless told otherwise.
         least: Smallest allowed value.
         most: Largest allowed value, or None.
     """
@@ -67,11 +65,50 @@ class ParamSpec:
     most: float | None = None
 
 
-@dataclass(frozen=True)
-class Contract:
-    """All of it.
+class StateArray(Record, frozen=True):
+    """An array in the flat state.
 
     Attributes:
+        name: Path of field names, e.g. `reference.vio_from_cam.quat_xyzw`.
+        shape: Without the batch axis.
+        offset: Element of the state where it begins.
+    """
+
+    name: str
+    shape: tuple[Count, ...]
+    offset: Count
+
+
+class Preprocessing(Record, frozen=True, omit_defaults=True):
+    """Preprocessing of images; 0 in files that take none.
+
+    Attributes:
+        resize: Side of the square that an image is resized to, pixels.
+        crop: Side of the square that is cut out of its middle, pixels.
+    """
+
+    resize: Count = 0
+    crop: Count = 0
+
+
+class Regressor(Record, frozen=True):
+    """The network that predicts poses.
+
+    Attributes:
+        model: Its name.
+        scenes: Names of the scenes that it knows.
+    """
+
+    model: str = ""
+    scenes: tuple[str, ...] = ()
+
+
+class Contract(Document, frozen=True, kw_only=True):
+    """Inputs, outputs, state and parameters of an exported file.
+
+    Attributes:
+        conventions: Frames, units and encodings, by keyword.
+        statuses: Names of the numbers that the output `status` can have.
         part: `localizer` (the whole), or `apr` or `fusion` of a split pair.
         inputs: In the file's order.
         outputs: In the file's order.
@@ -81,41 +118,60 @@ class Contract:
         fixed_params: The method's other parameters, fixed at export.
         state_size: Elements of the state.
         state_tag: Element 0 of every state that this file wrote.
-        state_layout: Name, shape and place of every array in the state, for the curious.
-        image: What is done to images: `resize`, `crop`, in pixels.
-        regressor: `model` and `scenes`.
+        state_layout: Every array in the state, in order.
+        image: Preprocessing of images.
+        regressor: The network.
         made_by: Program and version.
     """
 
-    part: str
+    FORMAT: ClassVar[str] = "vioapr localizer"
+
+    conventions: dict[str, str] = msgspec.field(default_factory=lambda: dict(CONVENTIONS))
+    statuses: dict[str, str] = msgspec.field(default_factory=dict)
+    part: Literal["localizer", "apr", "fusion"]
     inputs: tuple[TensorSpec, ...]
     outputs: tuple[TensorSpec, ...]
     precision: str = "fp32"
     method: str | None = None
     params: tuple[ParamSpec, ...] = ()
-    fixed_params: dict[str, Any] = field(default_factory=dict)
-    state_size: int = 0
-    state_tag: int = 0
-    state_layout: tuple[dict[str, Any], ...] = ()
-    image: dict[str, Any] = field(default_factory=dict)
-    regressor: dict[str, Any] = field(default_factory=dict)
+    fixed_params: dict[str, bool | int | float | str | None] = msgspec.field(default_factory=dict)
+    state_size: Count = 0
+    state_tag: Count = 0
+    state_layout: tuple[StateArray, ...] = ()
+    image: Preprocessing = Preprocessing()
+    regressor: Regressor = Regressor()
     made_by: str = ""
 
     def to_json(self) -> str:
-        """For the file's metadata."""
-        document = {
-            "format": FORMAT,
-            "version": VERSION,
-            "conventions": CONVENTIONS,
-            "statuses": {str(int(status)): status.label for status in Status},
-            **asdict(self),
-        }
-        return json.dumps(document, indent=1, allow_nan=False)
+        """The text in the file's metadata."""
+        return encode(self, indent=1).rstrip()
 
     @property
     def output_names(self) -> tuple[str, ...]:
         """In the file's order."""
         return tuple(spec.name for spec in self.outputs)
+
+    def fill_params(self, given: Mapping[str, float]) -> dict[str, float]:
+        """The numbers of the input `params`, in order: the given ones, and defaults.
+
+        Raises:
+            ParameterError: A number that the file does not have, or cannot have.
+        """
+        known = {spec.name: spec for spec in self.params}
+        if unknown := sorted(set(given) - set(known)):
+            raise ParameterError(
+                f"{unknown[0]}: expected one of the file's parameters "
+                f"({', '.join(known) or 'it has none'})"
+            )
+        values = {name: float(given.get(name, spec.default)) for name, spec in known.items()}
+        for name, value in values.items():
+            least, most = known[name].least, known[name].most
+            if not least <= value <= (math.inf if most is None else most):
+                upper = "" if most is None else f" to {most:g}"
+                raise ParameterError(
+                    f"{name}: expected a number from {least:g}{upper}, got {value}"
+                )
+        return values
 
 
 def parse(text: str | None, where: str) -> Contract:
@@ -126,45 +182,16 @@ def parse(text: str | None, where: str) -> Contract:
         where: The file's name, for messages.
 
     Raises:
-        ContractError: There is none, it is of a later version, or it is broken.
+        FormatError: There is none, or it is malformed.
+        VersionError: It is of a later version.
     """
     if text is None:
-        raise ContractError(
-            f"{where}: expected a localizer that `vioapr export` wrote, found an ONNX file "
-            f"without the metadata {METADATA_KEY!r}"
+        raise FormatError(
+            where,
+            "expected a localizer that `vioapr export` wrote, found an ONNX file without the "
+            f"metadata {METADATA_KEY!r}",
         )
     try:
-        document = json.loads(text)
-        is_ours = document["format"] == FORMAT
-        version = document["version"]
-    except (ValueError, KeyError, TypeError):
-        raise ContractError(f"{where}: expected a contract in JSON, found something else") from None
-    if not is_ours or not isinstance(version, int) or version < 1:
-        raise ContractError(f"{where}: expected format {FORMAT!r}, found another")
-    if version > VERSION:
-        raise ContractError(
-            f"{where}: its contract has version {version}, and this program knows up to "
-            f"{VERSION}: update vioapr, or export the file anew"
-        )
-    try:
-        return _from_document(document)
-    except (KeyError, TypeError, ValueError) as error:
-        raise ContractError(f"{where}: its contract is broken: {error!r}") from None
-
-
-def _from_document(document: dict[str, Any]) -> Contract:
-    known = {name: document[name] for name in Contract.__dataclass_fields__ if name in document}
-    for name in ("inputs", "outputs"):
-        known[name] = tuple(_tensor(entry) for entry in document[name])
-    known["params"] = tuple(_known(ParamSpec, entry) for entry in document.get("params", ()))
-    known["state_layout"] = tuple(document.get("state_layout", ()))
-    return Contract(**known)
-
-
-def _tensor(entry: dict[str, Any]) -> TensorSpec:
-    return _known(TensorSpec, entry | {"shape": tuple(entry["shape"])})
-
-
-def _known(kind: type, entry: dict[str, Any]) -> Any:
-    """Keys that a later version added are passed over."""
-    return kind(**{name: entry[name] for name in kind.__dataclass_fields__ if name in entry})
+        return decode(where, text, Contract)
+    except FileError as error:
+        raise type(error)(where, f"its contract: {error.problem}") from None
