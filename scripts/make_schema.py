@@ -1,0 +1,127 @@
+"""Emit the JSON Schema of every file that crosses a border: `python scripts/make_schema.py`.
+
+A file `schema/NAME.schema.json` (JSON Schema 2020-12) for every document of `vioapr.schemas`, and
+for every record there that no other one holds. They come from the types and docstrings alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import pkgutil
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+import vioapr.schemas
+from vioapr.schemas.base import Document, Record
+
+FOLDER = Path(__file__).parents[1] / "schema"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+Schema = dict[str, Any]
+
+
+def all_records() -> list[type[Record]]:
+    """Every record that a module of `vioapr.schemas` defines, by name."""
+    for module in pkgutil.iter_modules(vioapr.schemas.__path__, "vioapr.schemas."):
+        importlib.import_module(module.name)
+    return sorted(set(subclasses(Record)) - {Document}, key=lambda kind: kind.__name__)
+
+
+def subclasses(kind: type[Record]) -> Iterator[type[Record]]:
+    """The subclasses of a record, and theirs, that `vioapr.schemas` defines."""
+    for child in kind.__subclasses__():
+        if child.__module__.startswith("vioapr.schemas."):
+            yield child
+        yield from subclasses(child)
+
+
+def make_texts() -> dict[str, str]:
+    """The content of every file, by its name."""
+    texts = {}
+    records = all_records()
+    _, components = components_of(records)
+    held = {
+        name.rpartition("/")[2]
+        for schema in components.values()
+        for name in re.findall(r'"\$ref": "([^"]*)"', json.dumps(schema))
+    }
+    for kind in records:
+        if issubclass(kind, Document) or kind.__name__ not in held:
+            name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", kind.__name__).lower()
+            text = json.dumps(schema_of(kind, f"{name}.schema.json"), indent=2, ensure_ascii=False)
+            texts[f"{name}.schema.json"] = text + "\n"
+    return texts
+
+
+def schema_of(kind: type[Record], name: str) -> Schema:
+    """The schema of a file that holds one record."""
+    _, components = components_of([kind])
+    by_name = {record.__name__: record for record in all_records()}
+    for component, schema in components.items():
+        if component in by_name:
+            describe(schema, by_name[component])
+    root = components.pop(kind.__name__)
+    if issubclass(kind, Document):
+        version = {
+            "description": "Of the format; readers refuse a later one than they know.",
+            "type": "integer",
+            "minimum": 1,
+            "maximum": kind.VERSION,
+        }
+        head: Schema = {"format": {"const": kind.FORMAT}} if kind.FORMAT else {}
+        head["version"] = version
+        root["properties"] = head | root["properties"]
+        root["required"] = [*head, *root.get("required", [])]
+    schema = {"$schema": DIALECT, "$id": name, **root}
+    return schema | ({"$defs": components} if components else {})
+
+
+def components_of(kinds: list[type[Record]]) -> tuple[Any, dict[str, Schema]]:
+    """The schemas of records and of those in them, by class name."""
+    return msgspec.json.schema_components(
+        kinds, ref_template="#/$defs/{name}", schema_hook=schema_of_array
+    )
+
+
+def schema_of_array(kind: type) -> Schema:
+    """NumPy's arrays are lists in files."""
+    if issubclass(kind, np.ndarray):
+        return {"type": "array"}
+    raise NotImplementedError(f"no schema is known for {kind}")
+
+
+def describe(schema: Schema, kind: type[Record]) -> None:
+    """Put the words of a record's docstring where they belong: its own, and its members'."""
+    words, _, attributes = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
+    schema["description"] = " ".join(words.split())
+    for name, text in re.findall(r"(?m)^    (\w+): ((?:.*\n?)(?: {6,}.*\n?)*)", attributes):
+        if name in schema["properties"]:
+            # Beside others, `$ref` and `description` may stand together since 2019-09.
+            schema["properties"][name] = {
+                "description": " ".join(text.split()),
+                **schema["properties"][name],
+            }
+
+
+def main() -> None:
+    """Write all files, and remove those of records that are no more."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = make_texts()
+    for path in folder.glob("*.schema.json"):
+        if path.name not in texts:
+            path.unlink()
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
