@@ -25,8 +25,9 @@ from vioapr.cli.console import progress
 from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases
 from vioapr.fusion.consensus.params import ConsensusParams
+from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import METHODS
-from vioapr.fusion.offline import FusedWalk, fuse_walks
+from vioapr.fusion.offline import fuse_walks
 from vioapr.fusion.smoothing import smooth_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry import rigid

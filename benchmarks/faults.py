@@ -23,8 +23,9 @@ import numpy as np
 from common import describe_machine, replace_section, write_json
 from numpy.typing import NDArray
 
+from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import METHODS
-from vioapr.fusion.offline import FusedWalk, fuse_walks
+from vioapr.fusion.offline import fuse_walks
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry import quaternion, rigid

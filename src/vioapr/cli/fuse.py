@@ -5,21 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 
 from vioapr.cli.console import console, progress
 from vioapr.cli.method_params import MethodParams, params_for
-from vioapr.files.text import write_text
 from vioapr.formats import tum
 from vioapr.formats.registry import read_trajectory
 from vioapr.formats.sigma import read_sigmas, read_sigmas_beside
+from vioapr.fusion.fused_walk import FusedWalk, write_fused_csv
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
-from vioapr.fusion.offline import FusedWalk, View, fuse_walk
+from vioapr.fusion.offline import View, fuse_walk
 from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.smoothing import smooth_walk
 from vioapr.fusion.types import Status
-from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory
+from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 
 def fuse(
@@ -74,27 +73,10 @@ def fuse(
     passes = 2 if offline else 1
     with progress(f"fusing by {method}", passes * len(frames)) as tick:
         fused = run(chosen, chosen_params, frames, view=view, tick=tick)
-    write_text(out, to_csv(fused))
+    write_fused_csv(out, fused)
     console.print(f"{out}: {_describe(fused)}")
     if tum_out is not None:
         _write_tum(tum_out, fused)
-
-
-def to_csv(fused: FusedWalk) -> str:
-    """A row a frame; all digits."""
-    header = "timestamp_s,status,x,y,z,qx,qy,qz,qw"
-    columns = [*fused.world_from_cam]
-    if fused.sigma_position_m is not None and fused.sigma_orientation_deg is not None:
-        header += ",sigma_position_m,sigma_orientation_deg"
-        columns += [fused.sigma_position_m[:, None], fused.sigma_orientation_deg[:, None]]
-    numbers = np.concatenate(columns, axis=1).tolist()
-    lines = [
-        ",".join([repr(time), Status(status).label, *map(repr, row)])
-        for time, status, row in zip(
-            fused.timestamp_s.tolist(), fused.status.tolist(), numbers, strict=True
-        )
-    ]
-    return "\n".join([header, *lines]) + "\n"
 
 
 def _describe(fused: FusedWalk) -> str:
@@ -108,6 +90,5 @@ def _write_tum(path: Path, fused: FusedWalk) -> None:
     if not rows.any():
         console.print(f"{path}: not written, no frame was localized")
         return
-    poses = fused.world_from_cam.at(rows)
-    tum.write(path, Trajectory(fused.timestamp_s[rows], *poses))
+    tum.write(path, fused.to_trajectory())
     console.print(f"{path}: {rows.sum()} localized frames")

@@ -11,13 +11,12 @@ from pathlib import Path
 
 from vioapr.cli.console import console, progress
 from vioapr.cli.evaluate import print_tables
-from vioapr.cli.fuse import to_csv
 from vioapr.errors import ParameterError
 from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases, judge
 from vioapr.evaluation.tables import Group, group_results
-from vioapr.files.text import write_text
 from vioapr.formats.registry import read_trajectory
+from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.types import Status
 from vioapr.report.evaluation_report import count_report_ticks, write_report
@@ -76,7 +75,7 @@ def localize_(
 
         walk = localize(localizer, frames, step)
     fused = walk.fused
-    write_text(out, to_csv(fused))
+    write_fused_csv(out, fused)
     counts = Counter(Status(status).label for status in fused.status.tolist())
     what = ", ".join(f"{count} {label}" for label, count in counts.items())
     console.print(f"{out}: {len(fused)} frames: {what}", soft_wrap=True, markup=False)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from vioapr.evaluation.cases import Case
 from vioapr.evaluation.metrics import PoseErrors, pose_errors
+from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import get_method
-from vioapr.fusion.offline import FusedWalk, View, fuse_walks
+from vioapr.fusion.offline import View, fuse_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 

@@ -8,7 +8,8 @@ from vioapr.fusion.types import FrameInput
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, select, zeros
 from vioapr.geometry.averaging import geometric_median, mean_quaternion
 from vioapr.geometry.relative import relative_gap
-from vioapr.geometry.rigid import Rigid3, between, choose, stack
+from vioapr.geometry.rigid import Rigid3, between, stack
+from vioapr.geometry.tree import tree_map
 
 _NEWEST = (..., 0, slice(None))
 """Index of the newest pose in a run."""
@@ -123,11 +124,10 @@ def extend_run(params: CheckerParams, run: Run, frame: FrameInput) -> Run:
 def push(newest_first: Rigid3, pose: Rigid3) -> Rigid3:
     """Put a pose in front of a buffer of shape (..., n) and drop the oldest."""
     xp = namespace(pose.translation_m)
-    return Rigid3(
-        *(
-            xp.concat([new[..., None, :], buffer[..., :-1, :]], axis=-2)
-            for new, buffer in zip(pose, newest_first, strict=True)
-        )
+    return tree_map(
+        lambda buffer, new: xp.concat([new[..., None, :], buffer[..., :-1, :]], axis=-2),
+        newest_first,
+        pose,
     )
 
 
@@ -157,5 +157,5 @@ def _mean_poses(position_m: Array, quat_xyzw: Array, weights: Array) -> tuple[Ar
 def hide_unless(condition: Array, pose: Rigid3) -> Rigid3:
     """The pose where the condition holds, NaN elsewhere."""
     nan = constant(float("nan"), pose.translation_m)
-    unknown = Rigid3(*(namespace(part).zeros_like(part) + nan for part in pose))
-    return choose(condition, pose, unknown)
+    xp = namespace(pose.translation_m)
+    return tree_map(lambda part: select(condition, part, xp.zeros_like(part) + nan), pose)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vioapr.errors import ParameterError
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
@@ -72,11 +72,11 @@ class Localizer:
             vio_from_cam: The tracker's pose in its own world; None if it has none.
             tracking_ok: Whether the tracker trusts its pose. If not, this frame is
                 unlocalized and the next tracked frame starts a new segment.
-            tracking_reset: Whether the tracker's world is a new one from this frame on.
-            apr_sigma_m: What the regressor states of its position's error, standard deviation
-                per axis in metres; None, NaN or not above 0 where it states nothing. Only its
-                ratio to what it usually states matters, and to method `consensus` alone.
-            apr_sigma_deg: Likewise of its orientation, degrees.
+            tracking_reset: Whether the tracker's world is a new one since this frame.
+            apr_sigma_m: The standard deviation of the predicted position per axis, in metres,
+                that the regressor states; None, NaN or not above 0 where it states none. Only
+                its ratio to the usual one matters, and to method `consensus` alone.
+            apr_sigma_deg: The same of its orientation, degrees.
 
         Returns:
             The estimate, as known now. Its `status` is a `Status`.
@@ -84,7 +84,13 @@ class Localizer:
         Raises:
             ParameterError: A pose that is not finite or not rigid, or a time going back.
         """
-        self._check_time(timestamp_s)
+        if not np.isfinite(timestamp_s):
+            raise ParameterError(f"timestamp_s: expected a finite number, got {timestamp_s}")
+        if timestamp_s <= self._last_timestamp_s:
+            raise ParameterError(
+                f"timestamp_s: expected a time after the last frame's "
+                f"({self._last_timestamp_s:.6f} s), got {timestamp_s:.6f} s"
+            )
         is_tracked = bool(tracking_ok) and vio_from_cam is not None
         frame = FrameInput(
             np.asarray(timestamp_s, dtype=np.float64),
@@ -102,47 +108,36 @@ class Localizer:
             status=Status(int(estimate.status)), confirmed_run=int(estimate.confirmed_run)
         )
 
-    def _check_time(self, timestamp_s: float) -> None:
-        if not np.isfinite(timestamp_s):
-            raise ParameterError(f"timestamp_s: expected a finite number, got {timestamp_s}")
-        if timestamp_s <= self._last_timestamp_s:
-            raise ParameterError(
-                f"timestamp_s: expected a time after the last frame's "
-                f"({self._last_timestamp_s:.6f} s), got {timestamp_s:.6f} s"
-            )
-
 
 def _to_rigid(name: str, value: Rigid3 | ArrayLike | None) -> Rigid3:
     """A user's pose as float64 `Rigid3` of shape (), checked; the identity for None."""
     if value is None:
         return _IDENTITY
     if not isinstance(value, Rigid3):
-        value = Rigid3.from_matrix(_check_matrix(name, np.asarray(value, dtype=np.float64)))
-    translation = np.asarray(value.translation_m, dtype=np.float64)
+        matrix = np.asarray(value, dtype=np.float64)
+        if matrix.shape != (4, 4):
+            raise ParameterError(f"{name}: expected a 4x4 matrix or a Rigid3, got {matrix.shape}")
+        if not np.isfinite(matrix).all():
+            raise ParameterError(f"{name}: expected finite numbers, got NaN or inf")
+        rotation = matrix[:3, :3]
+        determinant = float(np.linalg.det(rotation))
+        error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if error > UNIT_TOLERANCE or determinant < 0:
+            raise ParameterError(
+                f"{name}: expected a rotation (orthonormal, not mirrored) in the upper left 3x3 "
+                f"of the matrix, got determinant {determinant:.4g}"
+            )
+        value = Rigid3.from_matrix(matrix)
+    position_m = np.asarray(value.translation_m, dtype=np.float64)
     quat = np.asarray(value.quat_xyzw, dtype=np.float64)
-    if translation.shape != (3,) or quat.shape != (4,):
+    if position_m.shape != (3,) or quat.shape != (4,):
         raise ParameterError(
             f"{name}: expected one pose, a position of shape (3,) and a quaternion xyzw of "
-            f"shape (4,), got {translation.shape} and {quat.shape}"
+            f"shape (4,), got {position_m.shape} and {quat.shape}"
         )
-    if not (np.isfinite(translation).all() and np.isfinite(quat).all()):
+    if not (np.isfinite(position_m).all() and np.isfinite(quat).all()):
         raise ParameterError(f"{name}: expected finite numbers, got NaN or inf")
     length = float(np.sqrt(quat @ quat))
     if abs(length - 1) > UNIT_TOLERANCE:
         raise ParameterError(f"{name}: expected a unit quaternion, got one of norm {length:.6g}")
-    return Rigid3(translation, quat / length)
-
-
-def _check_matrix(name: str, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    if matrix.shape != (4, 4):
-        raise ParameterError(f"{name}: expected a 4x4 matrix or a Rigid3, got {matrix.shape}")
-    if not np.isfinite(matrix).all():
-        raise ParameterError(f"{name}: expected finite numbers, got NaN or inf")
-    rotation = matrix[:3, :3]
-    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if error > UNIT_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise ParameterError(
-            f"{name}: expected a rotation (orthonormal, not mirrored) in the upper left 3x3 of "
-            f"the matrix, got determinant {np.linalg.det(rotation):.4g}"
-        )
-    return matrix
+    return Rigid3(position_m, quat / length)

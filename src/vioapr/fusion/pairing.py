@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError
 from vioapr.fusion.types import FrameInput
-from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.rigid import Rigid3, choose
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
 
 
@@ -53,9 +53,42 @@ def pair_frames(
         apr: world_from_cam, predicted.
         vio: vio_from_cam, tracked.
         tolerance_s: Largest difference of timestamps within a frame, s.
-        apr_sigmas: What the regressor states of each prediction's errors, if it does: standard
-            deviations per axis of position, m, and orientation, degrees, shape (len(apr),)
-            each; NaN where it states nothing.
+        apr_sigmas: The standard deviations of each prediction that the regressor states, if it
+            does: per axis of position, m, and orientation, degrees, shape (len(apr),) each;
+            NaN where it states nothing.
+
+    Returns:
+        The frames, with the prediction's image name where it has one, else the tracker's.
+
+    Raises:
+        AssociationError: No prediction has a VIO pose.
+    """
+    times, apr_row, vio_row = match_rows(apr, vio, tolerance_s)
+    names = sigma_m = sigma_rad = None
+    if apr.names is not None or vio.names is not None:
+        apr_names, vio_names = apr.names or ("",) * len(apr), vio.names or ("",) * len(vio)
+        rows = zip(apr_row, vio_row, strict=True)
+        names = tuple(apr_names[a] if a >= 0 else vio_names[v] for a, v in rows)
+    if apr_sigmas is not None:
+        sigma_m, sigma_deg = (np.where(apr_row < 0, np.nan, s[apr_row]) for s in apr_sigmas)
+        sigma_rad = np.deg2rad(sigma_deg)
+    inputs = FrameInput(
+        times,
+        _rows_or_identity(apr, apr_row),
+        apr_row >= 0,
+        _rows_or_identity(vio, vio_row),
+        vio_row >= 0,
+        np.zeros(len(times), dtype=bool),
+        sigma_m,
+        sigma_rad,
+    )
+    return PairedFrames(inputs, names)
+
+
+def match_rows(
+    apr: Trajectory, vio: Trajectory, tolerance_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
+    """The times of a walk's frames and, of both trajectories, their rows or -1.
 
     Raises:
         AssociationError: No prediction has a VIO pose.
@@ -66,56 +99,19 @@ def pair_frames(
     alone = np.setdiff1d(np.arange(len(apr)), pairs.right_rows)
     if not (apr.is_timed and vio.is_timed):
         alone = alone[:0]  # without a clock there is no telling where they belong
-    count = len(vio) + len(alone)
     vio_row = np.concatenate([np.arange(len(vio)), np.full(len(alone), -1)])
-    apr_row = np.full(count, -1)
+    apr_row = np.full(len(vio_row), -1)
     apr_row[pairs.left_rows] = pairs.right_rows
     apr_row[len(vio) :] = alone
     times = np.concatenate([vio.timestamp_s, apr.timestamp_s[alone]])
     order = np.argsort(times, kind="stable")
-    vio_row, apr_row, times = vio_row[order], apr_row[order], times[order]
-    inputs = FrameInput(
-        times,
-        _rows_or_identity(apr, apr_row),
-        apr_row >= 0,
-        _rows_or_identity(vio, vio_row),
-        vio_row >= 0,
-        np.zeros(count, dtype=bool),
-        *_stated(apr_sigmas, apr_row),
-    )
-    return PairedFrames(inputs, _names(apr, vio, apr_row, vio_row))
+    return times[order], apr_row[order], vio_row[order]
 
 
 def _rows_or_identity(trajectory: Trajectory, rows: NDArray[np.intp]) -> Rigid3:
     """The poses of some rows, the identity for row -1."""
     poses = trajectory.target_from_source.at(rows)
-    missing = (rows < 0)[:, None]
-    return Rigid3(
-        np.where(missing, 0.0, poses.translation_m),
-        np.where(missing, np.array([0.0, 0.0, 0.0, 1.0]), poses.quat_xyzw),
-    )
-
-
-def _stated(
-    sigmas: tuple[NDArray[np.float64], NDArray[np.float64]] | None, rows: NDArray[np.intp]
-) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Sigmas of some predictions, in m and rad; NaN for row -1."""
-    if sigmas is None:
-        return None, None
-    position_m, orientation_deg = (np.where(rows < 0, np.nan, sigma[rows]) for sigma in sigmas)
-    return position_m, np.deg2rad(orientation_deg)
-
-
-def _names(
-    apr: Trajectory, vio: Trajectory, apr_row: NDArray[np.intp], vio_row: NDArray[np.intp]
-) -> tuple[str, ...] | None:
-    """The prediction's image name where it has one, else the tracker's."""
-    if apr.names is None and vio.names is None:
-        return None
-    apr_names, vio_names = apr.names or ("",) * len(apr), vio.names or ("",) * len(vio)
-    return tuple(
-        apr_names[a] if a >= 0 else vio_names[v] for a, v in zip(apr_row, vio_row, strict=True)
-    )
+    return choose(rows >= 0, poses, Rigid3.identity(rows.shape))
 
 
 def _explain_no_pairs(apr: Trajectory, vio: Trajectory, tolerance_s: float) -> str:

@@ -9,17 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import ParameterError
-from vioapr.fusion.offline import FusedWalk, Tick, View, fuse_walks
+from vioapr.fusion.fused_walk import FusedWalk
+from vioapr.fusion.offline import Tick, View, fuse_walks
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import Method, Status
-from vioapr.geometry import quaternion, rigid
+from vioapr.geometry import quaternion
+from vioapr.geometry.arrays import select
 from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.tree import tree_map
 
 
 def smooth_walk(
@@ -60,10 +64,13 @@ def smooth_walks(
             f"smoothing needs a method that states its uncertainty, like consensus; "
             f"{method.name} does not"
         )
-    backwards = fuse_walks(
-        method, params, [reverse(walk) for walk in walks], view="live", tick=tick
-    )
-    return [_combine(*pair) for pair in zip(forwards, backwards, strict=True)]
+    reversed_walks = [reverse(walk) for walk in walks]
+    backwards = fuse_walks(method, params, reversed_walks, view="live", tick=tick)
+    smoothed: list[FusedWalk] = []
+    for forward, backward in zip(forwards, backwards, strict=True):
+        in_order = tree_map(lambda values: values[::-1], Pass.of(backward))
+        smoothed.append(replace(forward, **average_passes(Pass.of(forward), in_order)._asdict()))
+    return smoothed
 
 
 def reverse(walk: PairedFrames) -> PairedFrames:
@@ -80,29 +87,8 @@ def reverse(walk: PairedFrames) -> PairedFrames:
     )
 
 
-def _combine(forward: FusedWalk, backward: FusedWalk) -> FusedWalk:
-    """Each frame's two poses, averaged by their uncertainties."""
-    passes = [_Pass.of(forward), _Pass.of(backward).at(slice(None, None, -1))]
-    first, second = passes[0].filled_from(passes[1]), passes[1].filled_from(passes[0])
-    position_m, position_weight = _mix(first.sigma_position_m, second.sigma_position_m)
-    orientation_deg, rotation_weight = _mix(
-        first.sigma_orientation_deg, second.sigma_orientation_deg
-    )
-    # A frame that only one pass has tracked is the better for it.
-    is_better = (first.status == Status.PREDICTED) & (second.status != Status.UNLOCALIZED)
-    return replace(
-        forward,
-        world_from_cam=_average(
-            first.world_from_cam, second.world_from_cam, position_weight, rotation_weight
-        ),
-        status=np.where(is_better, second.status, first.status),
-        sigma_position_m=position_m,
-        sigma_orientation_deg=orientation_deg,
-    )
-
-
-class _Pass(NamedTuple):
-    """What one pass says of n frames, in order of time."""
+class Pass(NamedTuple):
+    """What one pass says of n frames, in order of time; see `FusedWalk`."""
 
     world_from_cam: Rigid3
     status: NDArray[np.integer]
@@ -110,47 +96,48 @@ class _Pass(NamedTuple):
     sigma_orientation_deg: NDArray[np.float64]
 
     @staticmethod
-    def of(fused: FusedWalk) -> _Pass:
-        assert fused.sigma_position_m is not None  # `smooth_walks` has checked
+    def of(fused: FusedWalk) -> Pass:
+        """A walk fused by a method that states its uncertainty."""
+        assert fused.sigma_position_m is not None
         assert fused.sigma_orientation_deg is not None
-        return _Pass(
+        return Pass(
             fused.world_from_cam,
             fused.status,
             fused.sigma_position_m,
             fused.sigma_orientation_deg,
         )
 
-    def at(self, index: slice) -> _Pass:
-        return _Pass(
-            self.world_from_cam.at(index),
-            self.status[index],
-            self.sigma_position_m[index],
-            self.sigma_orientation_deg[index],
-        )
 
-    def filled_from(self, other: _Pass) -> _Pass:
-        """With the other's answers where this one has none."""
-        has_answer = self.status != Status.UNLOCALIZED
-        return _Pass(
-            rigid.choose(has_answer, self.world_from_cam, other.world_from_cam),
-            np.where(has_answer, self.status, other.status),
-            np.where(has_answer, self.sigma_position_m, other.sigma_position_m),
-            np.where(has_answer, self.sigma_orientation_deg, other.sigma_orientation_deg),
-        )
+def average_passes(forward: Pass, backward: Pass) -> Pass:
+    """Each frame's two poses, averaged by their uncertainties."""
+    # Where one pass has no answer, it takes the other's.
+    first = tree_map(partial(select, forward.status != Status.UNLOCALIZED), forward, backward)
+    second = tree_map(partial(select, backward.status != Status.UNLOCALIZED), backward, forward)
+    position_m, position_weight = _mix(first.sigma_position_m, second.sigma_position_m)
+    orientation_deg, rotation_weight = _mix(
+        first.sigma_orientation_deg, second.sigma_orientation_deg
+    )
+    weight = position_weight[:, None]
+    ours, theirs = first.world_from_cam, second.world_from_cam
+    # A frame that only one pass has tracked is the better for it.
+    is_better = (first.status == Status.PREDICTED) & (second.status != Status.UNLOCALIZED)
+    return Pass(
+        Rigid3(
+            (1 - weight) * ours.translation_m + weight * theirs.translation_m,
+            quaternion.slerp(ours.quat_xyzw, theirs.quat_xyzw, rotation_weight),
+        ),
+        np.where(is_better, second.status, first.status),
+        position_m,
+        orientation_deg,
+    )
 
 
-def _mix(first: NDArray, second: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The average's sigma, if both err alike: they share the regressor's biases; its weight."""
+def _mix(
+    first: NDArray[np.float64], second: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The average's sigma, if both err alike (they share the regressor's biases); its weight.
+
+    The weight is the second's.
+    """
     weight = first**2 / (first**2 + second**2)
     return np.sqrt((1 - weight) * first**2 + weight * second**2), weight
-
-
-def _average(
-    first: Rigid3, second: Rigid3, position_weight: NDArray, rotation_weight: NDArray
-) -> Rigid3:
-    """Weights are the second's."""
-    weight = position_weight[:, None]
-    return Rigid3(
-        (1 - weight) * first.translation_m + weight * second.translation_m,
-        quaternion.slerp(first.quat_xyzw, second.quat_xyzw, rotation_weight),
-    )

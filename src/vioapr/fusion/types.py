@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from vioapr.geometry.arrays import Array
 from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.tree import tree_map
 
 
 class Status(IntEnum):
@@ -43,12 +44,12 @@ class FrameInput(NamedTuple):
         has_apr: Shape (...), whether there is one.
         vio_from_cam: The tracker's pose, in a tracking world of its own.
         tracking_ok: Shape (...), whether the tracker knows its pose.
-        tracking_reset: Shape (...), whether the tracker's world is a new one from this frame
-            on. A frame without tracking implies it for the next one.
+        tracking_reset: Shape (...), whether the tracker's world is a new one since this frame.
+            A frame without tracking implies it for the next one.
         apr_sigma_m: Shape (...), what the regressor states of its position's error: standard
             deviation per axis, m; NaN or not above 0 where it states nothing. None if it never
             does. Methods without use for it ignore it.
-        apr_sigma_rad: Likewise of its orientation, rad.
+        apr_sigma_rad: The same of its orientation: about each axis, rad.
     """
 
     timestamp_s: Array
@@ -67,15 +68,7 @@ class FrameInput(NamedTuple):
 
     def at(self, index: object) -> FrameInput:
         """The frames at an index of the leading axes."""
-        return FrameInput(
-            self.timestamp_s[index],
-            self.apr_world_from_cam.at(index),
-            self.has_apr[index],
-            self.vio_from_cam.at(index),
-            self.tracking_ok[index],
-            self.tracking_reset[index],
-            *(None if sigma is None else sigma[index] for sigma in self[6:]),
-        )
+        return tree_map(lambda values: values[index], self)
 
 
 class Estimate(NamedTuple):
@@ -90,7 +83,8 @@ class Estimate(NamedTuple):
             before it have just been confirmed as keyframes (the retrospective view).
         sigma_position_m: Shape (...), standard deviation per axis in metres, or None where
             the method has none.
-        sigma_orientation_deg: Shape (...), likewise in degrees.
+        sigma_orientation_deg: Shape (...), standard deviation about each axis in degrees, or
+            None.
         sigma_position_axes_m: Shape (..., 3), along each axis of the world, or None.
         sigma_orientation_axes_deg: Shape (..., 3), about each axis of the world, or None.
     """

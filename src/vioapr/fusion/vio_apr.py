@@ -3,7 +3,7 @@
 While aligning, consecutive predictions are compared with VIO until N pairs in a row agree;
 these N + 1 frames are keyframes and their means the reference. During the T predictions that
 follow, each is compared with the reference: a keyframe where it agrees, otherwise replaced by
-VIO placed through the reference. Then the method aligns anew, to undo VIO's drift; meanwhile
+VIO placed through the reference. Then the method aligns again, to undo VIO's drift; meanwhile
 the last reference carries on (`tracked`). docs/paper_map.md lists how the paper's open
 questions are decided.
 """
@@ -11,6 +11,7 @@ questions are decided.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, NamedTuple
 
 import tyro
@@ -29,6 +30,7 @@ from vioapr.fusion.alignment import (
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
 from vioapr.geometry.arrays import Array, namespace, select, zeros
 from vioapr.geometry.rigid import choose
+from vioapr.geometry.tree import tree_map
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class VioAprParams:
     """The paper's d_th, m: largest difference between the distances that regressor and VIO
     moved."""
     angle_threshold_deg: Annotated[float, tyro.conf.arg(name="o-th")] = 4.0
-    """The paper's o_th, deg: likewise for the angles that they turned."""
+    """The paper's o_th, deg: largest difference between the angles that they turned."""
     run_pairs: Annotated[int, tyro.conf.arg(name="n")] = 2
     """The paper's N: consecutive pairs that must agree to make a reference (N + 1 frames)."""
     optimized_frames: Annotated[int, tyro.conf.arg(name="t")] = 8
@@ -86,6 +88,7 @@ def step(
     params: VioAprParams, state: VioAprState, frame: FrameInput
 ) -> tuple[VioAprState, Estimate]:
     """One frame of the paper's method."""
+    xp = namespace(state.frames_left)
     state = forget_lost_worlds(state, frame)
     is_compared = frame.has_apr & frame.tracking_ok
     is_optimizing = is_compared & (state.frames_left > 0)
@@ -96,21 +99,27 @@ def step(
     )
     run = extend_run(params, state.run, frame)
     completes = is_aligning & (run.length >= params.run_pairs + 1)
-    after = update_reference(params, state.reference, run, completes)
+    reference = update_reference(params, state.reference, run, completes)
+    # The run grows only while aligning, and ends when it is complete.
+    run = tree_map(partial(select, is_aligning), run, state.run)
+    run = run._replace(length=_zero_unless(~completes, run.length))
+    # A completed run starts the count of T predictions.
+    counted = state.frames_left - xp.astype(is_optimizing, state.frames_left.dtype)
+    frames_left = select(completes, state.frames_left * 0 + params.optimized_frames, counted)
 
     is_keyframe = completes | (is_optimizing & agrees)
-    status = _status(frame.tracking_ok & after.is_known, is_keyframe, is_optimizing, state)
-    next_state = VioAprState(
-        _advance_run(state.run, run, is_aligning, completes),
-        after,
-        _count_down(params, state.frames_left, is_optimizing, completes),
-    )
-    placed = after.place(frame.vio_from_cam)
-    return next_state, Estimate(
-        hide_unless(status > 0, choose(is_keyframe, frame.apr_world_from_cam, placed)),
-        hide_unless(after.is_known, after.world_from_vio()),
+    zero = xp.astype(state.frames_left * 0, xp.int32)
+    is_placed = frame.tracking_ok & reference.is_known
+    status = xp.where(is_placed, zero + int(Status.TRACKED), zero)
+    status = xp.where(is_optimizing, zero + int(Status.OPTIMIZED), status)
+    status = xp.where(is_keyframe, zero + int(Status.KEYFRAME), status)
+    placed = choose(is_keyframe, frame.apr_world_from_cam, reference.place(frame.vio_from_cam))
+    run_size = xp.astype(zero + params.run_pairs + 1, xp.int32)
+    return VioAprState(run, reference, frames_left), Estimate(
+        hide_unless(status > 0, placed),
+        hide_unless(reference.is_known, reference.world_from_vio()),
         status,
-        _confirmed_run(params, status, completes),
+        xp.where(completes, run_size, xp.astype(is_keyframe, xp.int32)),
     )
 
 
@@ -126,43 +135,6 @@ def forget_lost_worlds(state: VioAprState, frame: FrameInput) -> VioAprState:
 
 def _zero_unless(condition: Array, values: Array) -> Array:
     return select(condition, values, namespace(values).zeros_like(values))
-
-
-def _advance_run(old: Run, extended: Run, is_aligning: Array, completes: Array) -> Run:
-    """The run grows only while aligning, and ends when it is complete."""
-    length = select(is_aligning, extended.length, old.length)
-    return Run(
-        choose(is_aligning[..., None], extended.apr_world_from_cam, old.apr_world_from_cam),
-        choose(is_aligning[..., None], extended.vio_from_cam, old.vio_from_cam),
-        _zero_unless(~completes, length),
-    )
-
-
-def _count_down(
-    params: VioAprParams, frames_left: Array, is_optimizing: Array, completes: Array
-) -> Array:
-    """T predictions from a completed run on, then 0."""
-    counted = frames_left - namespace(frames_left).astype(is_optimizing, frames_left.dtype)
-    return select(completes, frames_left * 0 + params.optimized_frames, counted)
-
-
-def _status(
-    is_placed: Array, is_keyframe: Array, is_optimizing: Array, state: VioAprState
-) -> Array:
-    """Integers of `Status`, shape (...)."""
-    xp = namespace(state.frames_left)
-    unlocalized = xp.astype(state.frames_left * 0, xp.int32)
-    status = xp.where(is_placed, unlocalized + int(Status.TRACKED), unlocalized)
-    status = xp.where(is_optimizing, unlocalized + int(Status.OPTIMIZED), status)
-    return xp.where(is_keyframe, unlocalized + int(Status.KEYFRAME), status)
-
-
-def _confirmed_run(params: VioAprParams, status: Array, completes: Array) -> Array:
-    """How many predictions this frame confirms: the run's, 1 for any other keyframe."""
-    xp = namespace(status)
-    size = xp.astype(status * 0 + params.run_pairs + 1, xp.int32)
-    is_keyframe = xp.astype(status == int(Status.KEYFRAME), xp.int32)
-    return xp.where(completes, size, is_keyframe)
 
 
 METHOD = Method(

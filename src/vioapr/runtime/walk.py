@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FileMissingError, FormatError, ParameterError
 from vioapr.files.images import read_rgb
-from vioapr.fusion.offline import FusedWalk
+from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry import rigid

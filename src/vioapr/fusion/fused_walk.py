@@ -1,0 +1,96 @@
+"""What a method made of one walk, and the CSV file that holds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vioapr.errors import FormatError
+from vioapr.files.text import read_text, write_text
+from vioapr.formats.table import format_rows, pose_columns, read_headed_csv
+from vioapr.fusion.types import Status
+from vioapr.geometry.rigid import Rigid3
+from vioapr.trajectory import Trajectory
+
+POSE_COLUMNS = ("timestamp_s", "status", "x", "y", "z", "qx", "qy", "qz", "qw")
+SIGMA_COLUMNS = ("sigma_position_m", "sigma_orientation_deg")
+
+
+@dataclass(frozen=True, eq=False)
+class FusedWalk:
+    """A method's estimates over one walk, n frames.
+
+    Attributes:
+        timestamp_s: Shape (n,), seconds.
+        world_from_cam: Poses, shape (n,); NaN where unlocalized.
+        status: Shape (n,), integers of `Status`.
+        sigma_position_m: Shape (n,), per axis, or None where the method has none.
+        sigma_orientation_deg: Shape (n,), or None.
+    """
+
+    timestamp_s: NDArray[np.float64]
+    world_from_cam: Rigid3
+    status: NDArray[np.integer]
+    sigma_position_m: NDArray[np.float64] | None = None
+    sigma_orientation_deg: NDArray[np.float64] | None = None
+
+    def __len__(self) -> int:
+        return len(self.timestamp_s)
+
+    @property
+    def is_localized(self) -> NDArray[np.bool_]:
+        """Shape (n,), the frames that have a pose."""
+        return self.status != Status.UNLOCALIZED
+
+    def to_trajectory(self) -> Trajectory:
+        """The localized frames, of which there must be at least one."""
+        rows = self.is_localized
+        return Trajectory(self.timestamp_s[rows], *self.world_from_cam.at(rows))
+
+
+def write_fused_csv(path: Path, fused: FusedWalk) -> None:
+    """Write a row a frame, with all digits; reading it gives the same numbers.
+
+    The columns are `POSE_COLUMNS`, followed by `SIGMA_COLUMNS` where the method has them. The
+    status is a label; unlocalized frames have nan.
+
+    Raises:
+        UnwritableError: The file cannot be written.
+    """
+    header, numbers = POSE_COLUMNS, pose_columns(fused.world_from_cam)
+    if fused.sigma_position_m is not None and fused.sigma_orientation_deg is not None:
+        header += SIGMA_COLUMNS
+        sigmas = np.column_stack([fused.sigma_position_m, fused.sigma_orientation_deg])
+        numbers = [[*pose, *sigma] for pose, sigma in zip(numbers, sigmas.tolist(), strict=True)]
+    labels = [Status(status).label for status in fused.status.tolist()]
+    columns = zip(fused.timestamp_s.tolist(), labels, numbers, strict=True)
+    rows = ((time, label, *row) for time, label, row in columns)
+    write_text(path, ",".join(header) + "\n" + format_rows(rows, ","))
+
+
+def read_fused_csv(path: Path) -> FusedWalk:
+    """Read what `write_fused_csv` has written.
+
+    Raises:
+        FileMissingError: There is no such file.
+        UnreadableError: The file cannot be read.
+        FormatError: A column is missing, a field is not a number, or a status is unknown.
+    """
+    has_sigmas = set(SIGMA_COLUMNS) <= set(read_text(path).partition("\n")[0].split(","))
+    columns = POSE_COLUMNS + (SIGMA_COLUMNS if has_sigmas else ())
+    rows = read_headed_csv(path, columns)
+    statuses = {status.label: status for status in Status}
+    for label, line in zip(rows.column(1), rows.lines, strict=True):
+        if label not in statuses:
+            raise FormatError(path, f"expected one of {', '.join(statuses)}, got {label!r}", line)
+    numbers = rows.numbers([0, *range(2, len(columns))])
+    timestamp_s, position_m, quat_xyzw, sigmas = np.split(numbers, [1, 4, 8], axis=1)
+    return FusedWalk(
+        timestamp_s[:, 0],
+        Rigid3(position_m, quat_xyzw),
+        np.array([int(statuses[label]) for label in rows.column(1)]),
+        *(sigmas.T if has_sigmas else (None, None)),
+    )
