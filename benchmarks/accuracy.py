@@ -19,11 +19,12 @@ from rich.console import Console
 from vioapr.cli.console import progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.evaluation.cases import load_cases
-from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
-from vioapr.evaluation.tables import Group, group_results, to_json
-from vioapr.fusion.methods import METHODS
+from vioapr.evaluation.evaluate import count_ticks
+from vioapr.evaluation.tables import Group, evaluate, to_records
+from vioapr.fusion.methods import METHODS, default_params
 from vioapr.report.formatting import format_levels, format_median, format_p95, format_share
 from vioapr.scene.walks import find_walks
+from vioapr.schemas.base import to_plain
 
 DOCS = Path(__file__).parent.parent / "docs" / "results" / "accuracy.md"
 
@@ -60,12 +61,12 @@ def main() -> None:
     if not data:
         sys.exit("set VIOAPR_DATA to the folder of real data")
     cases = load_cases(find_walks([Path(data) / "bench"]))
-    params = {name: METHODS[name].params_type() for name in options.methods.split(",")}
-    with progress("fusing", count_ticks(cases, list(params))) as tick:
-        groups = group_results(evaluate_cases(cases, params, tick=tick))
+    params = default_params(options.methods.split(","))
+    with progress("fusing", count_ticks(cases, params)) as tick:
+        groups = evaluate(cases, params, tick=tick).groups
     print_tables(groups)
     if options.json:
-        write_json(options.json, {"groups": to_json(groups)})
+        write_json(options.json, {"groups": to_plain(to_records(groups))})
     if options.update_docs:
         replace_section(DOCS, "table", markdown(groups))
         Console().print(f"updated {DOCS}")

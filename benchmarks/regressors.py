@@ -33,12 +33,13 @@ from vioapr.cli.console import progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.cli.main import main as vioapr
 from vioapr.evaluation.cases import Case, load_cases
-from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
-from vioapr.evaluation.tables import group_results, to_json
-from vioapr.fusion.methods import METHODS
+from vioapr.evaluation.evaluate import count_ticks
+from vioapr.evaluation.tables import evaluate, to_records
+from vioapr.fusion.methods import default_params
 from vioapr.geometry import quaternion
 from vioapr.scene.scene import Scene, World
 from vioapr.scene.walks import find_walks
+from vioapr.schemas.base import to_plain
 from vioapr.trajectory import Trajectory
 
 DOCS = Path(__file__).parents[1] / "docs" / "results" / "regressors.md"
@@ -106,9 +107,9 @@ def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
     run("predict", scene.folder, "--model", run_folder, "--out", out)
     model = json.loads((run_folder / "regressor.json").read_text())["spec"]["model"]
     cases = [case for case in load_cases(find_walks([out])) if case.apr == model]
-    params = {name: METHODS[name].params_type() for name in METHODS_SHOWN}
-    with progress("fusing", count_ticks(cases, list(params))) as tick:
-        groups = group_results(evaluate_cases(cases, params, tick=tick))
+    params = default_params(METHODS_SHOWN)
+    with progress("fusing", count_ticks(cases, params)) as tick:
+        groups = evaluate(cases, params, tick=tick).groups
     print_tables(groups)
     (raw,) = (row.fused for row in groups[0].rows if row.method == "apr")
     extent_m = _extent_m(scene)
@@ -240,7 +241,9 @@ def main() -> None:
         )
     if options.json:
         machine = describe_machine(["torch", "numpy", "moderngl"])
-        shown = {name: {**r, "groups": to_json(r["groups"])} for name, r in results.items()}
+        shown = {
+            name: {**r, "groups": to_plain(to_records(r["groups"]))} for name, r in results.items()
+        }
         write_json(options.json, {"machine": machine, **shown})
     if options.update_docs:
         groups = [group for result in results.values() for group in result["groups"]]

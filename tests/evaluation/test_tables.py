@@ -8,10 +8,21 @@ import pytest
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
 from vioapr.evaluation.metrics import summarize
-from vioapr.evaluation.tables import CSV_COLUMNS, group_results, to_csv, to_json
-from vioapr.fusion.methods import get_method
+from vioapr.evaluation.tables import (
+    CSV_COLUMNS,
+    compare_methods,
+    evaluate,
+    group_results,
+    to_csv,
+    to_records,
+)
+from vioapr.fusion.apr import AprParams
+from vioapr.fusion.methods import default_params, get_method
+from vioapr.fusion.offline import fuse_walks
 from vioapr.fusion.types import Status
 from vioapr.scene.walks import find_walks
+from vioapr.schemas.base import convert, to_plain
+from vioapr.schemas.results import GroupRecord
 
 METHODS = ("apr", "vio", "vio-apr")
 
@@ -91,12 +102,38 @@ def test_shares_of_keyframes_and_optimized_add_up(groups):
 
 
 def test_json_is_plain_and_complete(groups):
-    data = json.loads(json.dumps(to_json(groups), allow_nan=False))
+    data = json.loads(json.dumps(to_plain(to_records(groups)), allow_nan=False))
     assert data[1]["apr"] == "good"
     assert data[1]["rows"][2]["subset"] == "only keyframes"
     assert data[1]["rows"][2]["fused"]["median_m"] == groups[1].rows[2].fused.median_m
     walk = data[1]["walks"][0]
     assert walk["frames"] == sum(walk["statuses"].values())
+
+
+def test_json_reads_as_the_records_it_was_written_from(groups):
+    for record in to_records(groups):
+        plain = to_plain(record)
+        assert to_plain(convert("here", plain, GroupRecord)) == plain
+
+
+def test_one_call_fuses_and_groups(cases, results, groups):
+    found = evaluate(cases, default_params(METHODS))
+    assert [result.method for result in found.results] == [result.method for result in results]
+    assert to_plain(to_records(found.groups)) == to_plain(to_records(groups))
+
+
+def test_a_localizers_walk_stands_among_the_methods_it_is_compared_with(cases):
+    case = cases[0]
+    fused = fuse_walks(get_method("apr"), AprParams(), [case.frames], view="live")[0]
+    ticks = []
+    (own,) = compare_methods(case, "mine", fused, tick=lambda: ticks.append(1))
+    others = ("apr", "vio", "vio-apr", "consensus")
+    assert [result.method for result in own.results] == [*others, "mine"]
+    np.testing.assert_array_equal(own.results[-1].errors, own.results[0].errors)
+    assert len(ticks) == count_ticks([case], others)
+    (replaced,) = compare_methods(case, "vio", fused)
+    assert [result.method for result in replaced.results] == list(others)
+    np.testing.assert_array_equal(replaced.results[1].errors, own.results[0].errors)
 
 
 def test_csv_has_a_row_a_frame(results):

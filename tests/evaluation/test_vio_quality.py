@@ -5,7 +5,7 @@ import pytest
 
 from vioapr.errors import AssociationError, FormatError, ParameterError
 from vioapr.evaluation.vio_quality import VioQualityParams, align_track, analyze, pairs_apart
-from vioapr.evaluation.vio_tables import share_within, steady, to_json
+from vioapr.evaluation.vio_tables import share_within, steady, to_record
 from vioapr.evaluation.vio_tracks import VioTrack, find_vio_walks, make_track
 from vioapr.formats import tum
 from vioapr.geometry import quaternion, rigid
@@ -16,6 +16,7 @@ from vioapr.scene.frames import Intrinsics, Tracking
 from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.base import to_plain
 from vioapr.trajectory import Trajectory
 
 TURN_Z_90 = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
@@ -155,7 +156,7 @@ def test_groups_leave_out_what_diverges():
     runaway = as_vio(gt)
     runaway.translation_m[:, 0] += np.arange(600.0) ** 2
     bad = analyze(track_of(gt, runaway, walk="other"))
-    content = json.loads(json.dumps(to_json([good, bad])))
+    content = json.loads(json.dumps(to_plain(to_record([good, bad])), allow_nan=False))
     group = content["groups"]["set vio"]
     assert (group["tracks"], group["diverging"], group["share_within"]) == (2, ["other"], 1.0)
     assert group["pairs"] == len(good.pair_rows)

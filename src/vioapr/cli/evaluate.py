@@ -15,9 +15,10 @@ from rich.table import Table
 
 from vioapr.cli.console import console, progress
 from vioapr.cli.method_params import MethodParams, parse_methods
+from vioapr.evaluation import tables
 from vioapr.evaluation.cases import load_cases
-from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
-from vioapr.evaluation.tables import Group, Row, group_results, to_csv, to_json
+from vioapr.evaluation.evaluate import count_ticks
+from vioapr.evaluation.tables import Group, Row, to_csv, to_records
 from vioapr.files.text import write_text
 from vioapr.fusion.offline import View
 from vioapr.report.evaluation_report import count_report_ticks, write_report
@@ -29,6 +30,7 @@ from vioapr.report.formatting import (
     format_walks,
 )
 from vioapr.scene.walks import find_walks
+from vioapr.schemas.base import to_plain
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 _WIDE = 140
@@ -68,12 +70,11 @@ def evaluate(
     folders = find_walks(walks)
     with progress("reading walks", len(folders)) as tick:
         cases = load_cases(folders, tolerance_s=tolerance_s, tick=tick)
-    with progress("fusing", count_ticks(cases, list(chosen))) as tick:
-        results = evaluate_cases(cases, chosen, view=view, tick=tick)
-    groups = group_results(results)
+    with progress("fusing", count_ticks(cases, chosen)) as tick:
+        results, groups = tables.evaluate(cases, chosen, view=view, tick=tick)
     print_tables(groups)
     if json_out is not None:
-        write_text(json_out, json.dumps(to_json(groups), indent=1) + "\n")
+        write_text(json_out, json.dumps(to_plain(to_records(groups)), indent=1) + "\n")
     if csv_out is not None:
         write_text(csv_out, to_csv(results))
     if report is not None:

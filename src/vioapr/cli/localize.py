@@ -13,11 +13,11 @@ from vioapr.cli.console import console, progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.errors import ParameterError
 from vioapr.evaluation.cases import Case
-from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases, judge
-from vioapr.evaluation.tables import Group, group_results
+from vioapr.evaluation.evaluate import count_ticks
+from vioapr.evaluation.tables import COMPARED, Group, compare_methods
 from vioapr.formats.registry import read_trajectory
 from vioapr.fusion.fused_walk import write_fused_csv
-from vioapr.fusion.methods import get_method
+from vioapr.fusion.methods import default_params
 from vioapr.fusion.types import Status
 from vioapr.report.evaluation_report import count_report_ticks, write_report
 from vioapr.runtime.localizer import OnnxLocalizer
@@ -28,8 +28,6 @@ from vioapr.runtime.walk import (
     frames_of_recording,
     localize,
 )
-
-_COMPARED = ("apr", "vio", "vio-apr", "consensus")
 
 
 def localize_(
@@ -80,7 +78,7 @@ def localize_(
     what = ", ".join(f"{count} {label}" for label, count in counts.items())
     console.print(f"{out}: {len(fused)} frames: {what}", soft_wrap=True, markup=False)
     if frames.gt is not None:
-        groups = compare(walk, localizer, model)
+        groups = _compare(walk, localizer, model)
         print_tables(groups)
         if report is not None:
             _publish(groups, report, localizer)
@@ -117,23 +115,17 @@ def _watchers(frames: WalkFrames, view: bool, rrd: Path | None) -> list:
     return watchers
 
 
-def compare(walk: LocalizedWalk, localizer: OnnxLocalizer, model: Path) -> list[Group]:
+def _compare(walk: LocalizedWalk, localizer: OnnxLocalizer, model: Path) -> list[Group]:
     """The file's answers beside those of other methods on the same predictions."""
     assert walk.frames.gt is not None
     gt = walk.gt_world_from_cam(walk.frames.gt)
     regressor = localizer.contract.regressor.model or "regressor"
     case = Case(model.name, walk.frames.name, "tracker", regressor, walk.paired, gt)
     own = localizer.contract.method
-    others = {name: get_method(name).params_type() for name in _COMPARED if name != own}
-    with progress("fusing by other methods", count_ticks([case], list(others))) as tick:
-        results = evaluate_cases([case], others, view="live", tick=tick)
     assert own is not None
-    results.append(judge(case, own, walk.fused))
-    return group_results(sorted(results, key=_order))
-
-
-def _order(result: Result) -> int:
-    return _COMPARED.index(result.method) if result.method in _COMPARED else len(_COMPARED)
+    others = [name for name in COMPARED if name != own]
+    with progress("fusing by other methods", count_ticks([case], others)) as tick:
+        return compare_methods(case, own, walk.fused, tick=tick)
 
 
 def _publish(groups: list[Group], folder: Path, localizer: OnnxLocalizer) -> None:
@@ -145,7 +137,7 @@ def _publish(groups: list[Group], folder: Path, localizer: OnnxLocalizer) -> Non
             folder,
             title=f"Localized from images by one file ({own})",
             command=shlex.join(["vioapr", *sys.argv[1:]]),
-            params_of_method={name: get_method(name).params_type() for name in methods},
+            params_of_method=default_params(methods),
             view="live",
             date=date.today().isoformat(),
             tick=tick,

@@ -12,13 +12,14 @@ from rich.table import Table
 from vioapr.cli.console import console, progress
 from vioapr.evaluation.metrics import PoseErrors, summarize
 from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
-from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_json
+from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_record
 from vioapr.evaluation.vio_tracks import find_vio_walks
 from vioapr.files.text import write_bytes, write_text
 from vioapr.geometry.relative import RelativeGap
 from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
 from vioapr.report.formatting import format_error, format_median, format_number
 from vioapr.report.style import render
+from vioapr.schemas.base import to_plain
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 
@@ -52,7 +53,7 @@ def vio_quality(
     console.print(_table(qualities, params))
     _print_notes(qualities, params)
     if json_out is not None:
-        write_text(json_out, json.dumps(to_json(qualities), indent=1) + "\n")
+        write_text(json_out, json.dumps(to_plain(to_record(qualities)), indent=1) + "\n")
     if figures is not None:
         _save_figures(qualities, figures)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,11 +16,12 @@ from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import View, fuse_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.tree import tree_map
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a method made of a case. All arrays are over the case's frames with ground truth.
+    """A method's estimates of a case and their errors, over its n frames with ground truth.
 
     Attributes:
         case: The walk, odometry and regressor.
@@ -73,18 +74,18 @@ def evaluate_cases(
     Raises:
         MissingExtraError: A method needs a package that is not installed.
     """
-    results = []
+    results: list[Result] = []
     for name, params in params_of_method.items():
         # A missing package must show now, not after minutes with other methods.
         get_method(name).init(params, (), np.zeros(()))
     for name, params in params_of_method.items():
         walks = [case.frames for case in cases]
         fused = fuse_walks(get_method(name), params, walks, view=view, tick=tick)
-        results += [judge(case, name, walk) for case, walk in zip(cases, fused, strict=True)]
+        results += [compare_with_gt(c, name, walk) for c, walk in zip(cases, fused, strict=True)]
     return results
 
 
-def count_ticks(cases: Sequence[Case], methods: Sequence[str]) -> int:
+def count_ticks(cases: Sequence[Case], methods: Iterable[str]) -> int:
     """How often `evaluate_cases` calls its tick."""
     lengths = [len(case.frames) for case in cases]
     return sum(
@@ -92,8 +93,8 @@ def count_ticks(cases: Sequence[Case], methods: Sequence[str]) -> int:
     )
 
 
-def judge(case: Case, method: str, fused: FusedWalk) -> Result:
-    """Compare a method's estimates of a case's frames with ground truth."""
+def compare_with_gt(case: Case, method: str, fused: FusedWalk) -> Result:
+    """Find the errors of a method's estimates, and of the raw predictions, of a case's frames."""
     rows = case.has_gt
     gt = case.gt_world_from_cam.at(rows)
     inputs = case.frames.inputs
@@ -109,6 +110,6 @@ def judge(case: Case, method: str, fused: FusedWalk) -> Result:
         estimate,
         fused.status[rows],
         pose_errors(gt, estimate),
-        PoseErrors(*(np.where(has_apr, error, np.nan) for error in raw)),
+        tree_map(lambda errors: np.where(has_apr, errors, np.nan), raw),
         *(None if sigma is None else sigma[rows] for sigma in sigmas),
     )

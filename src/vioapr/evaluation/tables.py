@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vioapr.evaluation.evaluate import Result
+from vioapr.evaluation.cases import Case
+from vioapr.evaluation.evaluate import Result, compare_with_gt, evaluate_cases
 from vioapr.evaluation.metrics import Summary, summarize
+from vioapr.fusion.fused_walk import FusedWalk
+from vioapr.fusion.methods import default_params
+from vioapr.fusion.offline import View
 from vioapr.fusion.types import Status
+from vioapr.schemas.results import GroupRecord, RowRecord, SummaryRecord, WalkRecord
 
 SUBSETS: dict[str, tuple[Status, ...]] = {
     "only keyframes": (Status.KEYFRAME,),
@@ -54,7 +59,7 @@ class Group:
         cases: Number of walks times draws of odometry.
         raw: The raw regressor's figures on all frames that have a prediction.
         rows: One a method and subset.
-        results: What it was made from.
+        results: Those that it is of.
     """
 
     set_name: str
@@ -71,36 +76,86 @@ class Group:
         return f"{self.set_name}, VIO {self.vio}, regressor {self.apr}"
 
 
+class Evaluation(NamedTuple):
+    """Methods on cases: for each method, in order, a result a case; and the tables of them."""
+
+    results: list[Result]
+    groups: list[Group]
+
+
+def evaluate(
+    cases: Sequence[Case],
+    params_of_method: Mapping[str, Any],
+    *,
+    view: View = "retrospective",
+    tick: Callable[[], object] | None = None,
+) -> Evaluation:
+    """Fuse every case with every method, and group the results into tables.
+
+    Args:
+        cases: From `load_cases`.
+        params_of_method: The methods' names, each with its parameters.
+        view: See `vioapr.fusion.offline.View`.
+        tick: Called as often as `vioapr.evaluation.evaluate.count_ticks` says, for progress.
+
+    Raises:
+        MissingExtraError: A method needs a package that is not installed.
+    """
+    results = evaluate_cases(cases, params_of_method, view=view, tick=tick)
+    return Evaluation(results, group_results(results))
+
+
+COMPARED = ("apr", "vio", "vio-apr", "consensus")
+"""The methods that a localizer is compared with, in the order of the tables."""
+
+
+def compare_methods(
+    case: Case, method: str, fused: FusedWalk, *, tick: Callable[[], object] | None = None
+) -> list[Group]:
+    """Group a localizer's own results with those of the methods `COMPARED` on its inputs.
+
+    Args:
+        case: The walk, with the predictions that the localizer used.
+        method: The localizer's method, which is not run again.
+        fused: Its answers, as known when each frame arrived.
+        tick: Called as often as `count_ticks([case], others)` says, for the methods `COMPARED`
+            but its own.
+    """
+    others = default_params(name for name in COMPARED if name != method)
+    results = evaluate_cases([case], others, view="live", tick=tick)
+    of_method = {result.method: result for result in results}
+    of_method[method] = compare_with_gt(case, method, fused)
+    return group_results([of_method[name] for name in dict.fromkeys((*COMPARED, method))])
+
+
 def group_results(results: Sequence[Result]) -> list[Group]:
-    """The tables of all groups, in the order in which the groups first appear."""
+    """The tables of all groups, in the order in which the groups first appear.
+
+    A method that picks keyframes gets a row a subset, others the one over all frames.
+    """
     grouped: dict[tuple[str, str, str], list[Result]] = {}
     for result in results:
         grouped.setdefault(result.case.group, []).append(result)
-    return [_make_group(key, members) for key, members in grouped.items()]
-
-
-def _make_group(key: tuple[str, str, str], results: list[Result]) -> Group:
-    methods = list(dict.fromkeys(result.method for result in results))
-    first = [result for result in results if result.method == methods[0]]
-    rows = [
-        row
-        for method in methods
-        for row in _method_rows(method, [r for r in results if r.method == method])
-    ]
-    raw = mean_summary([summarize(result.raw_errors) for result in first])
-    return Group(*key, len(first), raw, rows, results)
-
-
-def _method_rows(method: str, results: list[Result]) -> Iterator[Row]:
-    """All four rows for a method that picks keyframes, else the one over all frames."""
-    picks_keyframes = any(result.has_status(Status.KEYFRAME).any() for result in results)
-    for subset in SUBSETS if picks_keyframes else ("all frames",):
-        yield make_row(method, subset, results)
+    groups: list[Group] = []
+    for key, members in grouped.items():
+        of_method: dict[str, list[Result]] = {}
+        for result in members:
+            of_method.setdefault(result.method, []).append(result)
+        rows: list[Row] = []
+        for method, own in of_method.items():
+            picks_keyframes = any(result.has_status(Status.KEYFRAME).any() for result in own)
+            subsets = SUBSETS if picks_keyframes else ("all frames",)
+            rows += [make_row(method, subset, own) for subset in subsets]
+        first = next(iter(of_method.values()))
+        raw = mean_summary([summarize(result.raw_errors) for result in first])
+        groups.append(Group(*key, len(first), raw, rows, members))
+    return groups
 
 
 def make_row(method: str, subset: str, results: Sequence[Result]) -> Row:
     """A method's figures over a subset of the frames, as means over the results."""
-    fused, raw = [], []
+    fused: list[Summary] = []
+    raw: list[Summary] = []
     for result in results:
         is_counted = result.has_status(*SUBSETS[subset])
         fused.append(summarize(result.errors, is_counted))
@@ -118,41 +173,44 @@ def mean_summary(summaries: Sequence[Summary]) -> Summary:
     return Summary(*np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-def to_json(groups: Sequence[Group]) -> list[dict[str, Any]]:
-    """Tables as plain data: groups with rows and with every walk's own figures."""
+def to_records(groups: Sequence[Group]) -> list[GroupRecord]:
+    """Tables for JSON: groups with rows and with every walk's own figures."""
     return [
-        {
-            "set": group.set_name,
-            "vio": group.vio,
-            "apr": group.apr,
-            "cases": group.cases,
-            "raw": _plain(group.raw),
-            "rows": [
-                asdict(row) | {"fused": _plain(row.fused), "raw": _plain(row.raw)}
+        GroupRecord(
+            set=group.set_name,
+            vio=group.vio,
+            apr=group.apr,
+            cases=group.cases,
+            raw=_summary_record(group.raw),
+            rows=[
+                RowRecord(
+                    method=row.method,
+                    subset=row.subset,
+                    walks=row.walks,
+                    fused=_summary_record(row.fused),
+                    raw=_summary_record(row.raw),
+                )
                 for row in group.rows
             ],
-            "walks": [_walk_json(result) for result in group.results],
-        }
+            walks=[
+                WalkRecord(
+                    walk=result.case.walk,
+                    vio=result.case.vio,
+                    method=result.method,
+                    frames=len(result.status),
+                    statuses={s.label: int((result.status == s).sum()) for s in Status},
+                    fused=_summary_record(summarize(result.errors)),
+                    raw=_summary_record(summarize(result.raw_errors)),
+                )
+                for result in group.results
+            ],
+        )
         for group in groups
     ]
 
 
-def _walk_json(result: Result) -> dict[str, Any]:
-    return {
-        "walk": result.case.walk,
-        "vio": result.case.vio,
-        "method": result.method,
-        "frames": len(result.status),
-        "statuses": {s.label: int((result.status == s).sum()) for s in Status},
-        "fused": _plain(summarize(result.errors)),
-        "raw": _plain(summarize(result.raw_errors)),
-    }
-
-
-def _plain(summary: Summary) -> dict[str, float | None]:
-    """JSON has no NaN: unknown figures become null."""
-    values = {name: float(value) for name, value in summary._asdict().items()}
-    return {name: value if np.isfinite(value) else None for name, value in values.items()}
+def _summary_record(summary: Summary) -> SummaryRecord:
+    return SummaryRecord(**{name: float(value) for name, value in summary._asdict().items()})
 
 
 CSV_COLUMNS = (

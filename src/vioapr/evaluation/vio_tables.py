@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.evaluation.metrics import PoseErrors, cumulative_distribution, summarize
 from vioapr.evaluation.vio_quality import VioQuality
+from vioapr.schemas.results import (
+    DistributionRecord,
+    TrackerRecord,
+    TrackRecord,
+    VioQualityRecord,
+)
 
 
-def share_within(qualities: list[VioQuality]) -> float:
+def share_within(qualities: Sequence[VioQuality]) -> float:
     """Share of all their pairs below the limits of their parameters; NaN without pairs."""
     counts = [len(q.pair_rows) for q in qualities]
     good = [q.share_within * n for q, n in zip(qualities, counts, strict=True) if n]
     return sum(good) / sum(counts) if good else float("nan")
 
 
-def group_tracks(qualities: list[VioQuality]) -> dict[str, list[VioQuality]]:
+def group_tracks(qualities: Sequence[VioQuality]) -> dict[str, list[VioQuality]]:
     """By set and tracker, in order of appearance."""
     groups: dict[str, list[VioQuality]] = {}
     for quality in qualities:
@@ -26,92 +32,91 @@ def group_tracks(qualities: list[VioQuality]) -> dict[str, list[VioQuality]]:
     return groups
 
 
-def steady(qualities: list[VioQuality]) -> list[VioQuality]:
+def steady(qualities: Sequence[VioQuality]) -> list[VioQuality]:
     """Those that do not diverge."""
     return [quality for quality in qualities if quality.diverges_at_s is None]
 
 
-def to_json(qualities: list[VioQuality]) -> dict[str, Any]:
-    """Plain data: the definition, every track, and every group without its diverging tracks."""
-    groups = {
-        name: {
-            "tracks": len(members),
-            "diverging": [q.track.walk for q in members if q.diverges_at_s is not None],
-            "pairs": sum(len(q.pair_rows) for q in steady(members)),
-            "share_within": _plain(share_within(steady(members))),
-            **_distributions(steady(members)),
-        }
-        for name, members in group_tracks(qualities).items()
-    }
-    params = vars(qualities[0].params) if qualities else {}
-    return {
-        "definition": (
-            "RPE and ROE: absolute difference between the lengths, and between the angles, of "
-            "the tracker's and the true motion between two frames one period apart (the paper's "
-            "equations 10 and 11). APE, AOE: after rigid alignment on the first seconds. "
-            "ATE: root mean square after rigid alignment of the whole track."
-        ),
-        "params": params,
-        "groups": groups,
-        "tracks": [_track_json(quality) for quality in qualities],
-    }
+DEFINITION = (
+    "RPE and ROE: absolute difference between the lengths, and between the angles, of "
+    "the tracker's and the true motion between two frames one period apart (the paper's "
+    "equations 10 and 11). APE, AOE: after rigid alignment on the first seconds. "
+    "ATE: root mean square after rigid alignment of the whole track."
+)
+
+PERCENTS = (5, 10, 25, 50, 75, 90, 95, 99)
+"""Of the frames or pairs, at which the distributions of errors are given."""
 
 
-def _track_json(quality: VioQuality) -> dict[str, Any]:
-    track, gaps = quality.track, quality.gaps
-    absolute, relative = summarize(quality.errors), summarize(PoseErrors(*gaps))
-    minute_s, hundred_m = 60.0, 100.0
-    time, distance = quality.per_time, quality.per_distance
-    values = {
-        "ate_m": quality.ate_m,
-        "ate_percent_of_path": 100 * quality.ate_m / quality.path_m if quality.path_m else np.nan,
-        "scale": quality.scale,
-        "ape_median_m": absolute.median_m,
-        "ape_p95_m": absolute.p95_m,
-        "aoe_median_deg": absolute.median_deg,
-        "aoe_p95_deg": absolute.p95_deg,
-        "rpe_median_m": relative.median_m,
-        "rpe_p95_m": relative.p95_m,
-        "roe_median_deg": relative.median_deg,
-        "roe_p95_deg": relative.p95_deg,
-        "share_within": quality.share_within,
-        "drift_stretch_m": distance.stretch,
-        "drift_m_per_100m": distance.position_m * hundred_m / (distance.stretch or np.nan),
-        "drift_deg_per_100m": distance.orientation_deg * hundred_m / (distance.stretch or np.nan),
-        "drift_stretch_s": time.stretch,
-        "drift_m_per_min": time.position_m * minute_s / (time.stretch or np.nan),
-        "drift_deg_per_min": time.orientation_deg * minute_s / (time.stretch or np.nan),
-    }
-    return {
-        "set": track.set_name,
-        "walk": track.walk,
-        "vio": track.vio,
-        "frames": len(track),
-        "frames_without_gt": track.frames_without_gt,
-        "frames_lost": track.frames_lost,
-        "tracking_worlds": len(np.unique(track.tracking_world)),
-        "has_clock": track.is_timed,
-        "duration_s": quality.duration_s,
-        "path_m": quality.path_m,
-        "pairs": len(quality.pair_rows),
-        "diverges": quality.diverges_at_s is not None,
-        "diverges_at_s": quality.diverges_at_s,
-        **{name: _plain(value) for name, value in values.items()},
-    }
+def to_record(qualities: Sequence[VioQuality]) -> VioQualityRecord:
+    """For JSON: the definition, every track, and every group without its diverging tracks."""
+    return VioQualityRecord(
+        definition=DEFINITION,
+        params=dict(vars(qualities[0].params)) if qualities else {},
+        groups={
+            name: TrackerRecord(
+                tracks=len(members),
+                diverging=[q.track.walk for q in members if q.diverges_at_s is not None],
+                pairs=sum(len(q.pair_rows) for q in steady(members)),
+                share_within=share_within(steady(members)),
+                distribution=_distributions(steady(members)),
+            )
+            for name, members in group_tracks(qualities).items()
+        },
+        tracks=[_track_record(quality) for quality in qualities],
+    )
 
 
-def _distributions(qualities: list[VioQuality]) -> dict[str, Any]:
-    """Errors that so many per cent of the frames or pairs do not exceed, of all together."""
-    percents = [5, 10, 25, 50, 75, 90, 95, 99]
-    curves: dict[str, list[float]] = {"percent": [float(p) for p in percents]}
+def _track_record(quality: VioQuality) -> TrackRecord:
+    track, time, distance = quality.track, quality.per_time, quality.per_distance
+    absolute, relative = summarize(quality.errors), summarize(PoseErrors(*quality.gaps))
+    stretch_m, stretch_s = distance.stretch or np.nan, time.stretch or np.nan
+    return TrackRecord(
+        set=track.set_name,
+        walk=track.walk,
+        vio=track.vio,
+        frames=len(track),
+        frames_without_gt=track.frames_without_gt,
+        frames_lost=track.frames_lost,
+        tracking_worlds=len(np.unique(track.tracking_world)),
+        has_clock=track.is_timed,
+        duration_s=quality.duration_s,
+        path_m=quality.path_m,
+        pairs=len(quality.pair_rows),
+        diverges=quality.diverges_at_s is not None,
+        diverges_at_s=quality.diverges_at_s,
+        ate_m=quality.ate_m,
+        ate_percent_of_path=100 * quality.ate_m / (quality.path_m or np.nan),
+        scale=quality.scale,
+        ape_median_m=float(absolute.median_m),
+        ape_p95_m=float(absolute.p95_m),
+        aoe_median_deg=float(absolute.median_deg),
+        aoe_p95_deg=float(absolute.p95_deg),
+        rpe_median_m=float(relative.median_m),
+        rpe_p95_m=float(relative.p95_m),
+        roe_median_deg=float(relative.median_deg),
+        roe_p95_deg=float(relative.p95_deg),
+        share_within=quality.share_within,
+        drift_stretch_m=distance.stretch,
+        drift_m_per_100m=distance.position_m * 100 / stretch_m,
+        drift_deg_per_100m=distance.orientation_deg * 100 / stretch_m,
+        drift_stretch_s=time.stretch,
+        drift_m_per_min=time.position_m * 60 / stretch_s,
+        drift_deg_per_min=time.orientation_deg * 60 / stretch_s,
+    )
+
+
+def _distributions(qualities: Sequence[VioQuality]) -> DistributionRecord:
+    """Of all frames or pairs of several tracks together."""
+    curves: dict[str, list[float]] = {}
     for name, values in pooled_errors(qualities).items():
         ordered, _ = cumulative_distribution(values)
-        rows = [max(int(np.ceil(p / 100 * len(ordered))) - 1, 0) for p in percents]
+        rows = [max(int(np.ceil(p / 100 * len(ordered))) - 1, 0) for p in PERCENTS]
         curves[name] = [float(ordered[row]) for row in rows] if len(ordered) else []
-    return {"distribution": curves}
+    return DistributionRecord(percent=[float(p) for p in PERCENTS], **curves)
 
 
-def pooled_errors(qualities: list[VioQuality]) -> dict[str, NDArray[np.float64]]:
+def pooled_errors(qualities: Sequence[VioQuality]) -> dict[str, NDArray[np.float64]]:
     """All frames' APE and AOE and all pairs' RPE and ROE of several tracks together."""
     arrays = {
         "ape_m": [q.errors.position_m for q in qualities],
@@ -120,7 +125,3 @@ def pooled_errors(qualities: list[VioQuality]) -> dict[str, NDArray[np.float64]]
         "roe_deg": [q.gaps.angle_deg for q in qualities],
     }
     return {name: np.concatenate([np.zeros(0), *values]) for name, values in arrays.items()}
-
-
-def _plain(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.files.tables import read_headed_csv
 from vioapr.files.text import read_text, write_text
-from vioapr.formats.table import format_rows, pose_columns, read_headed_csv
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
@@ -60,15 +60,16 @@ def write_fused_csv(path: Path, fused: FusedWalk) -> None:
     Raises:
         UnwritableError: The file cannot be written.
     """
-    header, numbers = POSE_COLUMNS, pose_columns(fused.world_from_cam)
+    header, columns = POSE_COLUMNS, [*fused.world_from_cam]
     if fused.sigma_position_m is not None and fused.sigma_orientation_deg is not None:
         header += SIGMA_COLUMNS
-        sigmas = np.column_stack([fused.sigma_position_m, fused.sigma_orientation_deg])
-        numbers = [[*pose, *sigma] for pose, sigma in zip(numbers, sigmas.tolist(), strict=True)]
-    labels = [Status(status).label for status in fused.status.tolist()]
-    columns = zip(fused.timestamp_s.tolist(), labels, numbers, strict=True)
-    rows = ((time, label, *row) for time, label, row in columns)
-    write_text(path, ",".join(header) + "\n" + format_rows(rows, ","))
+        columns += [fused.sigma_position_m[:, None], fused.sigma_orientation_deg[:, None]]
+    lines = [",".join(header)]
+    times, statuses = fused.timestamp_s.tolist(), fused.status.tolist()
+    numbers = np.concatenate(columns, axis=1).tolist()
+    for time_s, status, row in zip(times, statuses, numbers, strict=True):
+        lines.append(",".join([repr(time_s), Status(status).label, *map(repr, row)]))
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def read_fused_csv(path: Path) -> FusedWalk:

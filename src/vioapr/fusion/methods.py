@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 from vioapr.errors import ParameterError
 from vioapr.fusion import apr, mapnet_pgo, pose_graph, vio, vio_apr
 from vioapr.fusion.consensus import method as consensus
@@ -24,3 +27,12 @@ def get_method(name: str) -> Method:
     if name not in METHODS:
         raise ParameterError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")
     return METHODS[name]
+
+
+def default_params(names: Iterable[str]) -> dict[str, Any]:
+    """The methods of some names, each with its default parameters.
+
+    Raises:
+        ParameterError: There is no method of a name.
+    """
+    return {name: get_method(name).params_type() for name in names}

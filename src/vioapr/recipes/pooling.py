@@ -20,7 +20,7 @@ from vioapr.evaluation.metrics import PoseErrors, Summary, pose_errors, summariz
 from vioapr.evaluation.tables import SUBSETS
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
-from vioapr.fusion.methods import get_method
+from vioapr.fusion.methods import default_params
 from vioapr.fusion.types import Status
 from vioapr.scene.walks import find_walks
 from vioapr.trajectory import associate
@@ -69,8 +69,7 @@ def pool_errors(folders: Sequence[Path], model: str) -> PooledErrors:
     parts = [_raw_only(folder, model) for folder in folders if folder not in tracked]
     if tracked:
         cases = load_cases(find_walks(tracked))
-        params = {name: get_method(name).params_type() for name in METHODS}
-        results = evaluate_cases(cases, params)
+        results = evaluate_cases(cases, default_params(METHODS))
         parts += [
             _pool_results(walk) for walk in zip(*_by_method(results, len(cases)), strict=True)
         ]

@@ -12,7 +12,7 @@ import numpy as np
 
 from vioapr.errors import FormatError
 from vioapr.evaluation.vio_quality import VioQuality, analyze
-from vioapr.evaluation.vio_tables import to_json
+from vioapr.evaluation.vio_tables import to_record
 from vioapr.evaluation.vio_tracks import find_vio_walks
 from vioapr.files.text import write_bytes, write_text
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
@@ -22,6 +22,7 @@ from vioapr.report.formatting import UNKNOWN, format_error, format_number
 from vioapr.report.page import embed_figure, make_page, make_table
 from vioapr.report.style import render
 from vioapr.scene.scene import Scene
+from vioapr.schemas.base import to_plain
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 REPORT_FOLDER = "report"
@@ -70,7 +71,7 @@ def write_map_report(
         for walk in find_vio_walks([scene.folder])
         for track in walk.read(DEFAULT_TOLERANCE_S)
     ]
-    write_text(folder / "vio.json", json.dumps(to_json(qualities), indent=1) + "\n")
+    write_text(folder / "vio.json", json.dumps(to_plain(to_record(qualities)), indent=1) + "\n")
     figures = _draw(scene, summary, qualities, folder / "figures", tick)
     sections = [
         _overview(summary),
