@@ -34,11 +34,10 @@ from vioapr.fusion.types import Status
 from vioapr.geometry.frames import cam_from_arcam, z_up_from_y_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.walks import WalkFiles, find_walks
-from vioapr.simulation.walks import simulate_walk, track
+from vioapr.simulation.trackers import track
+from vioapr.simulation.walks import simulate_walk
 from vioapr.trajectory import Trajectory
 
-PHONE = {"heading_drift_deg": 0.15, "scale_error": 0.01, "step_noise_m": 0.005}
-"""How the benchmark's odometries were drawn."""
 ADVIO_WALKS = ("02", "03", "05", "12", "13", "18", "22")
 """Those whose ARKit track neither diverges nor rides an escalator."""
 BLOCK = 20
@@ -62,7 +61,7 @@ def redrawn_cases(walks: list[WalkFiles], seed: int, draws: int) -> Iterator[Cas
         aprs = {name: read_trajectory(path) for name, path in walk.aprs.items()}
         for draw in range(draws):
             rng = np.random.default_rng([seed, number, draw])
-            vio = gt.with_transforms(track(rng, gt.timestamp_s, gt.target_from_source, **PHONE))
+            vio = gt.with_transforms(track(rng, gt.timestamp_s, gt.target_from_source))
             for name, apr in aprs.items():
                 yield make_case((walk.set_name, walk.walk, f"sim{draw}", name), apr, vio, gt)
 

@@ -1,4 +1,4 @@
-"""Two walks round a court, seen by two trackers, and what matches between their images say."""
+"""The simulated court as mapping sees it."""
 
 from __future__ import annotations
 
@@ -7,16 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vioapr.geometry import rigid
+from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.two_view import PairGeometries
-
-COUNT = 40
-"""Images of each walk, one a second."""
-
-WALL_M = 8.0
-"""From a camera to the wall that it looks at."""
+from vioapr.simulation.court import see_pairs, walk_court
 
 
 class Court(NamedTuple):
@@ -26,66 +21,23 @@ class Court(NamedTuple):
     truth: Rigid3
 
 
-def about_up(degrees) -> Rotation:
-    return Rotation.from_rotvec(np.radians(np.asarray(degrees))[..., None] * [0.0, 1.0, 0.0])
-
-
 def make_court(rng, drift_deg=3.0, jump_m=0.0, is_level=True) -> Court:
-    """Both walk once round, looking at the walls; the second VIO turns away by and by."""
-    angle = np.tile(np.linspace(0, 360, COUNT, endpoint=False), 2)
-    radius = np.repeat([6.0, 7.0], COUNT)
-    tilt = rng.uniform(-10, 10, 2 * COUNT)
-    turn = about_up(angle) * Rotation.from_euler("x", (180 + tilt)[:, None], degrees=True)
-    positions = radius[:, None] * about_up(angle).apply([0.0, 0.0, -1.0])
-    positions[:, 1] = 1.5 + 0.05 * rng.standard_normal(2 * COUNT)
-    truth = Rigid3(positions, turn.as_quat())
-    world = np.repeat([0, 1], COUNT)
-    share = np.concatenate([np.zeros(COUNT), np.linspace(0, 1, COUNT)])
-    own = about_up(np.where(world == 0, 15.0, -80.0) + drift_deg * share)
-    moved = own.apply(positions) + np.where(world == 0, 0.0, 5.0)[:, None]
-    moved[COUNT + COUNT // 2 :, 0] += jump_m
-    yes, zeros = np.ones(2 * COUNT, dtype=bool), np.zeros(2 * COUNT, dtype=np.intp)
+    """Both walks, each a recording with a tracking world of its own."""
+    walks = walk_court(rng, drift_deg, jump_m)
+    count = len(walks.walk)
+    yes, zeros = np.ones(count, dtype=bool), np.zeros(count, dtype=np.intp)
     images = MapImages(
-        tuple(f"{k}.jpg" for k in range(2 * COUNT)), world, ("a", "b"),
-        np.tile(np.arange(COUNT) * 1.0, 2), world, Rigid3(moved, (own * turn).as_quat()),
-        yes, yes, np.full(2 * COUNT, is_level), zeros, (), "", np.arange(2 * COUNT), {},
+        tuple(f"{k}.jpg" for k in range(count)), walks.walk, ("a", "b"),
+        walks.timestamp_s, walks.walk, walks.vio_from_cam,
+        yes, yes, np.full(count, is_level), zeros, (), "", np.arange(count), {},
     )  # fmt: skip
-    return Court(images, truth)
+    return Court(images, y_up_from_z_up(walks.world_from_cam))
 
 
 def pairs_of(truth: Rigid3, rows, noise_deg=0.5, rng=None) -> PairGeometries:
-    """What matches between images say that were taken at these poses."""
-    rows = np.asarray(rows, dtype=np.intp).reshape(-1, 2)
-    first, second = rows.T
-    way = rigid.between(truth.at(first), truth.at(second))
-    noise = rng or np.random.default_rng(1)
-
-    def shake():
-        return Rotation.from_rotvec(np.radians(noise_deg) * noise.standard_normal((len(rows), 3)))
-
-    length_m = np.linalg.norm(way.translation_m, axis=1)
-    return PairGeometries(
-        rows,
-        np.full(len(rows), 50),
-        (Rotation.from_quat(way.quat_xyzw).inv() * shake()).as_quat(),
-        shake().apply(way.translation_m / np.maximum(length_m, 1e-9)[:, None]),
-        np.degrees(2 * np.arctan(length_m / WALL_M / 2)),
-    )
-
-
-def sequential_rows(steps=2):
-    """Neighbours within both walks."""
-    return [
-        (k, k + step)
-        for start in (0, COUNT)
-        for step in range(1, steps + 1)
-        for k in range(start, start + COUNT - step)
-    ]
-
-
-def crossing_rows(every=2, shift=1):
-    """Images of the two walks that see the same wall."""
-    return [(k, COUNT + (k + shift) % COUNT) for k in range(0, COUNT, every)]
+    """What 50 matches a pair say of images that were taken at these poses."""
+    views = see_pairs(truth, rows, noise_deg, rng)
+    return PairGeometries(views.rows, np.full(len(views.rows), 50), *views[1:])
 
 
 def joined(*parts: PairGeometries) -> PairGeometries:
@@ -94,15 +46,6 @@ def joined(*parts: PairGeometries) -> PairGeometries:
     for part in parts[1:]:
         everything = everything.and_also(part)
     return everything
-
-
-def moved_along(truth: Rigid3, rows, offset_m) -> Rigid3:
-    """As if the given images were elsewhere along the wall that they look at."""
-    positions = truth.translation_m.copy()
-    rows = np.asarray(rows)
-    right = Rotation.from_quat(truth.quat_xyzw[rows]).apply([1.0, 0.0, 0.0])
-    positions[rows] += offset_m * right
-    return Rigid3(positions, truth.quat_xyzw)
 
 
 def error_m(poses: Rigid3, truth: Rigid3, fit_rows) -> np.ndarray:

@@ -1,14 +1,14 @@
 import sys
 
 import pytest
-from tests.room import make_room
 
 from vioapr.scene.scene import Scene
+from vioapr.simulation.rooms import make_room_scene
 
 
 @pytest.fixture(scope="module")
 def room_folder(tmp_path_factory):
-    scene, _ = make_room(tmp_path_factory.mktemp("cli") / "scene")
+    scene, _ = make_room_scene(tmp_path_factory.mktemp("cli") / "scene")
     return scene.folder
 
 

@@ -12,12 +12,11 @@ from vioapr.fusion.types import FrameInput, Status
 from vioapr.fusion.vio_apr import VioAprParams
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
+from vioapr.simulation.regressors import NO_REGRESSOR_ERRORS
+from vioapr.simulation.trackers import NO_TRACKER_ERRORS, TrackerErrors
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
-EXACT = WalkParams(
-    duration_s=30, heading_drift_deg=0, scale_error=0, step_noise_m=0, bias_m=0, bias_deg=0,
-    noise_m=0, noise_deg=0, lookalike_share=0,
-)  # fmt: skip
+EXACT = WalkParams(duration_s=30, tracker=NO_TRACKER_ERRORS, regressor=NO_REGRESSOR_ERRORS)
 SMALL = ConsensusParams(votes=12)
 GRAVITIES = ("auto", "known", "estimate", "none")
 
@@ -105,7 +104,7 @@ def test_a_lookalike_place_for_thirty_frames_is_not_believed(walk):
 
 def test_odometry_that_cannot_be_trusted_is_not():
     """A tracker that drifts as fast as it moves, and predictions that err as usual."""
-    walk = simulate_walk(WalkParams(step_noise_m=1.0), seed=2)
+    walk = simulate_walk(WalkParams(tracker=TrackerErrors(step_noise_m=1.0)), seed=2)
     frames = frames_of(walk)
     raw = rigid.distance_m(walk.gt.target_from_source, walk.apr.target_from_source)
     rigidly = run(frames, estimate_drift=False)

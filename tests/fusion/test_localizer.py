@@ -12,12 +12,13 @@ from vioapr.fusion.types import Status
 from vioapr.fusion.vio_apr import VioAprParams
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
+from vioapr.simulation.regressors import NO_REGRESSOR_ERRORS
+from vioapr.simulation.trackers import NO_TRACKER_ERRORS
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 EXACT = WalkParams(
-    duration_s=20, rate_hz=60, heading_drift_deg=0, scale_error=0, step_noise_m=0, bias_m=0,
-    bias_deg=0, noise_m=0, noise_deg=0, lookalike_share=0,
-)  # fmt: skip
+    duration_s=20, rate_hz=60, tracker=NO_TRACKER_ERRORS, regressor=NO_REGRESSOR_ERRORS
+)
 BATCHED = [name for name, method in METHODS.items() if method.is_batched]
 HERE = Rigid3.identity()
 

@@ -15,19 +15,11 @@ from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.pose_graph import METHOD, PoseGraphParams, init
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3, angle_deg, distance_m
+from vioapr.simulation.regressors import NO_REGRESSOR_ERRORS
+from vioapr.simulation.trackers import NO_TRACKER_ERRORS
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
-EXACT = WalkParams(
-    duration_s=20.0,
-    heading_drift_deg=0.0,
-    scale_error=0.0,
-    step_noise_m=0.0,
-    bias_m=0.0,
-    bias_deg=0.0,
-    noise_m=0.0,
-    noise_deg=0.0,
-    lookalike_share=0.0,
-)
+EXACT = WalkParams(duration_s=20.0, tracker=NO_TRACKER_ERRORS, regressor=NO_REGRESSOR_ERRORS)
 
 
 @pytest.fixture

@@ -11,9 +11,12 @@ from vioapr.fusion.types import FrameInput
 from vioapr.fusion.vio_apr import VioAprParams
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
+from vioapr.simulation.regressors import NO_REGRESSOR_ERRORS
+from vioapr.simulation.trackers import NO_TRACKER_ERRORS
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 WALKS, FRAMES = 1000, 60
+EXACT = WalkParams(tracker=NO_TRACKER_ERRORS, regressor=NO_REGRESSOR_ERRORS)
 
 
 def random_frames(rng, walks, count):
@@ -154,12 +157,7 @@ def test_parameters_may_differ_within_a_batch():
 
 
 def test_exact_inputs_give_exact_poses():
-    walk = simulate_walk(
-        WalkParams(
-            heading_drift_deg=0, scale_error=0, step_noise_m=0, bias_m=0, bias_deg=0, noise_m=0,
-            noise_deg=0, lookalike_share=0,
-        )
-    )  # fmt: skip
+    walk = simulate_walk(EXACT)
     estimates = run_steps(vio_apr.METHOD, VioAprParams(), frames_of(walk))
     assert estimates.status[:2].tolist() == [UNLOCALIZED, UNLOCALIZED]
     assert estimates.status[2] == KEYFRAME
@@ -171,10 +169,7 @@ def test_exact_inputs_give_exact_poses():
 
 def test_the_papers_reading_of_algorithm_1():
     """Exact poses, one prediction replaced by a wild one: the pose must come out exact."""
-    walk = simulate_walk(
-        WalkParams(heading_drift_deg=0, scale_error=0, step_noise_m=0, bias_m=0, bias_deg=0,
-                   noise_m=0, noise_deg=0, lookalike_share=0)
-    )  # fmt: skip
+    walk = simulate_walk(EXACT)
     frames = frames_of(walk)
     frames.apr_world_from_cam.translation_m.flags.writeable = True
     frames.apr_world_from_cam.translation_m[6] += 50.0

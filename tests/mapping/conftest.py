@@ -5,15 +5,16 @@ from __future__ import annotations
 import shutil
 
 import pytest
-from tests.room import QUICK, make_room
+from tests.room import QUICK
 
 from vioapr.scene.scene import Scene
+from vioapr.simulation.rooms import make_room_scene
 
 
 @pytest.fixture(scope="session")
 def room(tmp_path_factory):
     """A scene that is not mapped yet, and the true poses of its recordings."""
-    return make_room(tmp_path_factory.mktemp("room") / "scene")
+    return make_room_scene(tmp_path_factory.mktemp("room") / "scene")
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from tests.room import CAMERA
 
 from vioapr.errors import MappingError
 from vioapr.geometry.rigid import Rigid3
@@ -9,6 +8,7 @@ from vioapr.scene.frames import Intrinsics, Tracking
 from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.simulation.rooms import ROOM_CAMERA
 
 PICTURE = np.zeros((240, 320), dtype=np.uint8)
 AT_ORIGIN = Rigid3(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
@@ -19,7 +19,7 @@ def scene(tmp_path):
     return Scene.create(tmp_path / "scene", "Scene", is_outdoor=True)
 
 
-def record(scene, id_, split, frames=4, camera=CAMERA, rate_hz=10.0, info=None, states=None):
+def record(scene, id_, split, frames=4, camera=ROOM_CAMERA, rate_hz=10.0, info=None, states=None):
     """A recording of grey pictures; returns the scene with it."""
     cameras = camera if isinstance(camera, list) else [camera] * frames
     with RecordingWriter(scene.recording_folder(id_), info or RecordingInfo()) as writer:

@@ -1,18 +1,10 @@
 import numpy as np
 import pytest
-from tests.court import (
-    COUNT,
-    crossing_rows,
-    error_m,
-    joined,
-    make_court,
-    moved_along,
-    pairs_of,
-    sequential_rows,
-)
+from tests.court import error_m, joined, make_court, pairs_of
 
 from vioapr.mapping.joining import join_worlds
 from vioapr.mapping.two_view import estimate_distances_m
+from vioapr.simulation.court import COUNT, crossing_rows, moved_along, sequential_rows
 
 FIRST = np.arange(COUNT)
 

@@ -7,7 +7,7 @@ import textwrap
 import numpy as np
 import pytest
 from PIL import Image
-from tests.room import QUICK, add_recording, own_world, vio_of, walk, wall_textures
+from tests.room import QUICK
 
 from vioapr.errors import FormatError, MappingError
 from vioapr.formats.base import ReadOptions
@@ -20,6 +20,8 @@ from vioapr.mapping.pipeline import map_scene
 from vioapr.report.map_report import write_map_report
 from vioapr.scene.frames import Tracking
 from vioapr.scene.recording import FRAMES_FILE
+from vioapr.simulation.rooms import ROOM_CAMERA, add_recording, textured_room, walk_arc
+from vioapr.simulation.trackers import track_without_drift, tracking_world
 
 pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 
@@ -154,10 +156,9 @@ def test_a_killed_run_resumes(room, copy_of, title, count, reused):
 def test_recordings_that_share_no_view(room, copy_of):
     rng = np.random.default_rng(5)
     scene = copy_of(room[0])
-    other = walk(8, 0, 8, 1.2, 1.5)
-    scene = add_recording(
-        scene, "elsewhere", "train", other, vio_of(other, own_world(10), rng), wall_textures(99)
-    )
+    other = walk_arc(8, 0, 8, 1.2, 1.5)
+    vio = track_without_drift(rng, other.target_from_source, tracking_world(10))
+    scene = add_recording(scene, "elsewhere", "train", other, vio, textured_room(99), ROOM_CAMERA)
     with pytest.raises(MappingError, match=r"share no view: a, b \| elsewhere\. Record a walk"):
         map_scene(scene, QUICK)
     assert not (scene.folder / "map").exists()

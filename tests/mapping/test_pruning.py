@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.court import COUNT, crossing_rows, make_court, sequential_rows
+from tests.court import make_court
 
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.pruning import prune_pairs, tilt_deg
+from vioapr.simulation.court import COUNT, crossing_rows, sequential_rows
 
 pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 

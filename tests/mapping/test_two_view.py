@@ -1,9 +1,10 @@
 import numpy as np
-from tests.court import COUNT, crossing_rows, joined, make_court, pairs_of, sequential_rows
+from tests.court import joined, make_court, pairs_of
 
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.two_view import between_worlds_deg, estimate_distances_m, fits
+from vioapr.simulation.court import COUNT, crossing_rows, sequential_rows
 
 STRAIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
-from tests.regression.toy import CAMERA, HEIGHT, WIDTH, photograph, walk
 
 from vioapr.errors import ParameterError
 from vioapr.geometry.rigid import Rigid3
@@ -17,9 +16,12 @@ from vioapr.regression.augmentation import (
     normalize,
 )
 from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
+from vioapr.simulation.rooms import BOX_CAMERA, coloured_box, render, stand_about
 
 NONE = AugmentationParams(jitter=0, hue=0)
-CAMERAS = torch.tensor([[CAMERA.fx / WIDTH, CAMERA.fy / HEIGHT, 0.5, 0.5]])
+CAMERAS = torch.tensor(
+    [[BOX_CAMERA.fx / BOX_CAMERA.width, BOX_CAMERA.fy / BOX_CAMERA.height, 0.5, 0.5]]
+)
 IDENTITY = torch.tensor([[0.0, 0.0, 0.0, 1.0]])
 
 
@@ -64,8 +66,8 @@ def test_no_turn_is_the_middle_crop():
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_turned_picture_is_what_the_turned_camera_sees(axis):
-    poses = walk(1, 5)
-    picture = torch.from_numpy(photograph(poses.at(0)))[None]
+    poses = stand_about(1, 5).target_from_source
+    picture = torch.from_numpy(render(coloured_box(), BOX_CAMERA, poses.at(0)))[None]
     turn = torch.zeros(1, 3)
     turn[0, axis] = 1.0
     params = AugmentationParams(jitter=0, hue=0, turn_deg=8)
@@ -75,7 +77,8 @@ def test_a_turned_picture_is_what_the_turned_camera_sees(axis):
         np.radians(8) * turn.numpy()[0]
     )
     assert (Rotation.from_quat(turned[0].numpy()) * true.inv()).magnitude() < 1e-5
-    seen = photograph(Rigid3(poses.translation_m[0], true.as_quat()))
+    turned_camera = Rigid3(poses.translation_m[0], true.as_quat())
+    seen = render(coloured_box(), BOX_CAMERA, turned_camera)
     expected = middle_crop(torch.from_numpy(seen)[None], 24)
     unturned = middle_crop(picture, 24)
     off, off_unturned = ((other - expected).abs().mean() for other in (images, unturned))

@@ -74,8 +74,8 @@ def simulate_courtyard(
         note = "".join(
             f", {what} at {time_s:.0f} s"
             for what, time_s in (
-                ("tracking lost", plan.mishaps.lost_s),
-                ("relocalization jump", plan.mishaps.jump_s),
+                ("tracking lost", plan.tracker_events.lost_s),
+                ("relocalization jump", plan.tracker_events.jump_s),
             )
             if time_s is not None
         )

@@ -1,62 +1,20 @@
 import numpy as np
 import pytest
 
-from vioapr.evaluation.metrics import relative_errors
 from vioapr.geometry import quaternion
-from vioapr.scene.frames import Tracking
 from vioapr.simulation.courtyard.devices import (
     ORIGIN,
-    Mishaps,
     geodetic,
     measure_gnss,
     measure_heading,
     measure_imu,
-    track_frames,
 )
 from vioapr.simulation.courtyard.walks import walk
-
-TIMES = np.arange(0, 60, 0.1)
 
 
 @pytest.fixture(scope="module")
 def motion():
     return walk(np.random.default_rng(5), "figure eight", 60.0)
-
-
-@pytest.fixture
-def gt(motion):
-    return motion.world_from_cam(TIMES)
-
-
-def test_the_tracker_is_y_up_and_drifts_little(rng, gt):
-    track = track_frames(rng, TIMES, gt, Mishaps())
-    assert (track.tracking == Tracking.NORMAL).all()
-    up = quaternion.rotate(gt.quat_xyzw, np.array([0.0, -1.0, 0.0]))
-    vio_up = quaternion.rotate(track.vio_from_cam.quat_xyzw, np.array([0.0, -1.0, 0.0]))
-    np.testing.assert_allclose(vio_up[:, 1], up[:, 2], atol=0.02)
-    np.testing.assert_allclose(np.ptp(track.vio_from_cam.translation_m[:, 1]), 0.15, atol=0.15)
-    gaps = relative_errors(gt, track.vio_from_cam)
-    assert (gaps.distance_m < 0.1).mean() > 0.99
-    assert (gaps.angle_deg < 1).mean() > 0.99
-
-
-def test_lost_tracking_starts_another_world(rng, gt):
-    track = track_frames(rng, TIMES, gt, Mishaps(lost_s=20.0))
-    assert (track.tracking == Tracking.LOST).sum() == 40
-    assert TIMES[track.tracking == Tracking.RESET] == pytest.approx([24.0])
-    after = track.vio_from_cam.at(TIMES >= 24.0)
-    np.testing.assert_allclose(after.translation_m[0], 0, atol=1e-9)
-    kept = track.vio_from_cam.at(TIMES < 20.0)
-    assert (relative_errors(gt.at(TIMES < 20.0), kept).distance_m < 0.1).all()
-
-
-def test_a_jump_is_doubted_and_then_made(rng, gt):
-    track = track_frames(rng, TIMES, gt, Mishaps(jump_s=30.0))
-    assert TIMES[track.tracking == Tracking.LIMITED] == pytest.approx(np.arange(29, 30, 0.1))
-    gaps = relative_errors(gt, track.vio_from_cam).distance_m
-    assert np.argmax(gaps) == np.searchsorted(TIMES, 30.0) - 1
-    assert 0.3 < gaps.max() < 1.2
-    assert (gaps > 0.3).sum() == 1
 
 
 def test_the_imu_is_the_motion_with_bias_and_noise(rng, motion):

@@ -123,9 +123,9 @@ def test_plans_cover_both_splits():
     plans = plan_recordings(CourtyardParams(train=8, test=3))
     assert [plan.id_ for plan in plans][7:9] == ["train-08", "test-01"]
     assert len({(p.route, p.backwards, p.weather) for p in plans[:6]}) == 6
-    assert sum(plan.mishaps.lost_s is not None for plan in plans) == 1
+    assert sum(plan.tracker_events.lost_s is not None for plan in plans) == 1
     single = plan_recordings(CourtyardParams(train=1, test=0))
-    assert single[0].mishaps.lost_s is not None
+    assert single[0].tracker_events.lost_s is not None
 
 
 @pytest.mark.parametrize(

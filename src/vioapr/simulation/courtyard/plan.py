@@ -1,4 +1,4 @@
-"""What is recorded of the courtyard: sizes and rates, routes, weathers, mishaps."""
+"""What is recorded of the courtyard: sizes and rates, routes, weathers, tracker events."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from vioapr.errors import ParameterError
 from vioapr.scene.frames import Intrinsics
-from vioapr.simulation.courtyard.devices import Mishaps
 from vioapr.simulation.courtyard.walks import Motion, walk
+from vioapr.simulation.trackers import TrackerEvents
 
 FOCAL_PER_WIDTH = 0.78
 """Focal length by image width: 65 degrees across, as phones' main cameras have."""
@@ -87,7 +87,7 @@ class Plan:
         route: A key of `ROUTES_M`.
         backwards: Whether the route is walked the other way round.
         weather: A key of `WEATHERS`.
-        mishaps: Of the tracker.
+        tracker_events: What interrupts the tracker.
     """
 
     id_: str
@@ -96,7 +96,7 @@ class Plan:
     route: str
     backwards: bool
     weather: str
-    mishaps: Mishaps
+    tracker_events: TrackerEvents
 
 
 _TRAIN = (
@@ -122,12 +122,12 @@ def plan_recordings(params: CourtyardParams) -> list[Plan]:
     plans = []
     for number, (split, route, backwards, weather) in enumerate(chosen):
         within = number if split == "train" else number - params.train
-        mishaps = Mishaps(
+        events = TrackerEvents(
             0.35 * params.duration_s if number == loses else None,
             0.72 * params.duration_s if number == jumps else None,
         )
         id_ = f"{split}-{within + 1:02d}"
-        plans.append(Plan(id_, split, number, route, backwards, weather, mishaps))
+        plans.append(Plan(id_, split, number, route, backwards, weather, events))
     return plans
 
 

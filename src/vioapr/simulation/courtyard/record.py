@@ -21,8 +21,10 @@ from vioapr.simulation.courtyard.plan import CourtyardParams, Plan, plan_motion
 from vioapr.simulation.courtyard.render import Renderer, Shot
 from vioapr.simulation.courtyard.walks import Motion
 from vioapr.simulation.courtyard.weather import WEATHERS
+from vioapr.simulation.trackers import TrackerErrors, track_frames
 from vioapr.trajectory import Trajectory
 
+TRACKER = TrackerErrors(tilt_error_deg=0.1)
 FROM_ABOVE = "from_above.jpg"
 """A picture of the place from above, beside `scene.toml`."""
 FROM_ABOVE_WIDTH_M = 46.0
@@ -51,7 +53,7 @@ def record(
     motion = plan_motion(plan, params, seed)
     times = (np.arange(params.frames, dtype=np.float64) + 0.5) / params.rate_hz
     world_from_cam = motion.world_from_cam(times)
-    track = devices.track_frames(rng, times, world_from_cam, plan.mishaps)
+    tracked = track_frames(rng, times, world_from_cam, TRACKER, plan.tracker_events)
     info = RecordingInfo(
         device="simulated phone", tracker="simulated",
         source=f"vioapr simulate courtyard, seed {seed}",
@@ -65,8 +67,8 @@ def record(
         for row, time_s in enumerate(times):
             camera_m = world_from_cam.translation_m[row]
             image = photographer.take(motion, time_s, crowd.at(time_s, camera_m))
-            state = Tracking(track.tracking[row])
-            vio = None if state == Tracking.LOST else track.vio_from_cam.at(row)
+            state = Tracking(tracked.tracking[row])
+            vio = None if state == Tracking.LOST else tracked.vio_from_cam.at(row)
             writer.add_frame(time_s, f"{row:06d}.jpg", image, state, vio, params.camera)
             tick()
         _write_instruments(writer, rng, motion, params.duration_s)

@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
-from vioapr.simulation.walks import smooth_noise
+from vioapr.simulation.handheld import looking, smooth_noise
 
 ROUTES_M = {
     "around": (
@@ -170,9 +170,7 @@ def _looking(rng: np.random.Generator, times: NDArray, course: NDArray, stride: 
         1.8 * smooth_noise(rng, times, 2.0) + 0.5 * np.sin(stride + 0.4)
         + 0.08 * smooth_noise(rng, times, 0.06)
     )  # fmt: skip
-    # From a camera that looks along the world's x axis with z up; pitch is upwards.
-    level = np.array([-0.5, 0.5, -0.5, 0.5])
-    tilt = quaternion.from_rotvec(np.stack([0 * roll, -pitch, 0 * roll], axis=-1))
-    lean = quaternion.from_rotvec(np.stack([roll, 0 * roll, 0 * roll], axis=-1))
-    turn = quaternion.from_rotvec(np.outer(heading, [0.0, 0.0, 1.0]))
-    return quaternion.multiply(turn, quaternion.multiply(tilt, quaternion.multiply(lean, level)))
+    zero = np.zeros_like(roll)
+    return looking(
+        heading, np.stack([zero, -pitch, zero], axis=-1), np.stack([roll, zero, zero], axis=-1)
+    )
