@@ -15,7 +15,13 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+from rich.table import Table
+
 from vioapr.runtime.machine import cpu_model
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+"""Where tables go, one page a subject."""
 
 
 def describe_machine(packages: Sequence[str]) -> dict[str, str]:
@@ -83,6 +89,29 @@ def replace_section(path: Path, name: str, text: str, settings: str = "") -> Non
     whole = path.read_text(encoding="utf-8")
     head, tail = whole.split(begin)[0], whole.split(end)[1]
     path.write_text(head + begin + stamp(settings) + "\n" + text + end + tail, encoding="utf-8")
+
+
+def publish(table: Table, page: str, section: str, *, update_docs: bool) -> None:
+    """Print a table and, if asked to, put it into its section of a page of results.
+
+    Args:
+        table: Its title says what was measured, and goes above it.
+        page: Name of a file in docs/results/.
+        section: The section's name.
+        update_docs: Whether to write.
+    """
+    Console(width=120).print(table)
+    if update_docs:
+        replace_section(RESULTS / page, section, to_markdown(table))
+
+
+def to_markdown(table: Table) -> str:
+    """A rich table as Markdown, its title above it."""
+    plain = [[str(cell) for cell in (column.header, *column.cells)] for column in table.columns]
+    rows = [f"| {' | '.join(cells)} |" for cells in zip(*plain, strict=True)]
+    rule = "|" + "---|" * len(table.columns)
+    title = [f"{table.title}:", ""] if table.title else []
+    return "\n".join([*title, rows[0], rule, *rows[1:]]) + "\n"
 
 
 def stamp(settings: str = "") -> str:

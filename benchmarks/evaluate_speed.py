@@ -14,10 +14,9 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from common import describe_machine, time_interleaved, write_json
+from common import describe_machine, publish, time_interleaved, write_json
 from evo.core import metrics
 from evo.core.trajectory import PoseTrajectory3D
-from rich.console import Console
 from rich.table import Table
 
 from vioapr.evaluation.metrics import PoseErrors, pose_errors, relative_errors, summarize
@@ -74,6 +73,7 @@ def main() -> None:
     """Time both in turn and print the ratio."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--update-docs", action="store_true")
     parser.add_argument("--quick", action="store_true", help="50 walks, to see that it runs")
     options = parser.parse_args()
     walks, frames = (50 if options.quick else 1000), 200
@@ -94,7 +94,7 @@ def main() -> None:
         table.add_column(column)
     table.add_row("vioapr, one batch", f"{own:.3f}", "1")
     table.add_row("evo, walk by walk", f"{theirs:.3f}", f"{np.median(ratios):.0f}")
-    Console().print(table)
+    publish(table, "performance.md", "evaluation", update_docs=options.update_docs)
     print(f"largest difference between the medians of the two: {difference:.1e}")
     if options.json:
         results = {

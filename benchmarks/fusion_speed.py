@@ -25,7 +25,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from common import describe_machine, summarize_us, time_interleaved, write_json
+from common import describe_machine, publish, summarize_us, time_interleaved, write_json
 from rich.console import Console
 from rich.table import Table
 
@@ -50,6 +50,8 @@ class Config:
 
     json: Path | None = None
     """Where to write the results."""
+    update_docs: bool = False
+    """Put the tables into docs/results/performance.md."""
     quick: bool = False
     """A small job that only shows that everything runs."""
     walks: int = 256
@@ -287,7 +289,7 @@ def _array_bytes(state: Any) -> float:
     return state.nbytes if isinstance(state, np.ndarray | np.generic) else float("nan")
 
 
-def print_speed(console: Console, title: str, rows: dict[str, dict[str, float]]) -> None:
+def speed_table(title: str, rows: dict[str, dict[str, float]]) -> Table:
     """A table of one measurement."""
     table = Table("method", title=title, title_justify="left")
     for heading in ("us a frame", "fastest", "slowest", "times faster than iSAM2"):
@@ -295,10 +297,10 @@ def print_speed(console: Console, title: str, rows: dict[str, dict[str, float]])
     for name, row in rows.items():
         times = [f"{row[key]:.2f}" for key in ("median_us", "min_us", "max_us")]
         table.add_row(name, *times, f"{row['times_faster']:.2f}")
-    console.print(table)
+    return table
 
 
-def print_memory(console: Console, rows: dict[str, list[dict[str, float]]]) -> None:
+def memory_table(rows: dict[str, list[dict[str, float]]]) -> Table:
     """A table of the memory measurement."""
     table = Table("method", title="Memory and time as one walk gets longer", title_justify="left")
     for heading in (
@@ -313,13 +315,17 @@ def print_memory(console: Console, rows: dict[str, list[dict[str, float]]]) -> N
             state = "-" if np.isnan(row["state_bytes"]) else f"{row['state_bytes']:.0f}"
             numbers = [f"{row['process_growth_kib']:.0f}", f"{row['us_a_frame']:.1f}"]
             table.add_row(name, f"{row['frames']:.0f}", state, *numbers)
-    console.print(table)
+    return table
 
 
 def main(config: Config) -> None:
     """Run, print and save."""
     if config.quick:
         config = make_quick(config)
+
+    def show(table: Table, section: str) -> None:
+        publish(table, "performance.md", section, update_docs=config.update_docs)
+
     console = Console(width=100)
     machine = describe_machine(("numpy", "gtsam", "array-api-compat"))
     console.print(", ".join(f"{key} {value}" for key, value in machine.items()), highlight=False)
@@ -327,15 +333,16 @@ def main(config: Config) -> None:
     if "memory" in config.only:  # first, while the process is small
         walk = simulate_batch(1, config.frames).at((slice(None), 0))
         results["memory"] = measure_memory(config, walk)
-        print_memory(console, results["memory"])
+        show(memory_table(results["memory"]), "memory")
     batch = simulate_batch(config.walks, config.frames)
     if "streaming" in config.only:
         results["streaming"] = measure_streaming(config, batch)
-        print_speed(console, f"One walk of {config.frames} frames", results["streaming"])
+        title = f"One walk of {config.frames} frames"
+        show(speed_table(title, results["streaming"]), "streaming")
     if "batched" in config.only:
         results["batched"] = measure_batched(config, batch)
         title = f"{config.walks} walks of {config.frames} frames, together"
-        print_speed(console, title, results["batched"])
+        show(speed_table(title, results["batched"]), "batched")
     if config.json is not None:
         shown = {key: getattr(config, key) for key in ("walks", "frames", "isam2_walks", "repeats")}
         write_json(config.json, {"job": shown, **results})

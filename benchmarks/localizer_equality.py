@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 import tyro
-from common import describe_machine, write_json
-from rich.console import Console
+from common import describe_machine, publish, write_json
 from rich.table import Table
 
 from vioapr.export.exporter import Exporter
@@ -52,6 +51,8 @@ class Config:
     """Frames of the walk."""
     json: Path | None = None
     """Where to write the results."""
+    update_docs: bool = False
+    """Put the table into docs/results/localizer.md."""
 
 
 def compare(method: str, frames: int) -> dict[str, Any]:
@@ -232,7 +233,7 @@ def main(config: Config) -> None:
                 f"{found['max_of_extent']:.1e}",
                 f"{found['max_deg']:.1e}",
             )
-    Console(width=120).print(table)
+    publish(table, "localizer.md", "equality", update_docs=config.update_docs)
     for name, result in results.items():
         print(name, result["statuses"])
     if config.json is not None:

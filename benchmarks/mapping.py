@@ -26,8 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import describe_machine, write_json
-from rich.console import Console
+from common import describe_machine, publish, write_json
 from rich.table import Table
 
 from vioapr.cli.console import progress
@@ -195,7 +194,7 @@ def _facts(summary: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def show(results: dict[str, Any]) -> None:
+def show(results: dict[str, Any], section: str, *, update_docs: bool) -> None:
     """A table a kind of alignment."""
     table = Table(title=f"{results['registered']} of {results['images']} images registered in "
                         f"{results['seconds']:.1f} s")  # fmt: skip
@@ -213,7 +212,7 @@ def show(results: dict[str, Any]) -> None:
                     f"{part}, {kind}", str(errors["poses"]), *(f"{v:.1f}" for v in values),
                     f"{errors[f'{kind}_median_deg']:.3f}", f"{tilt:.3f}",
                 )  # fmt: skip
-    Console().print(table)
+    publish(table, "mapping.md", section, update_docs=update_docs)
     print(f"true metres per map metre: {results['all']['true_metres_per_map_metre']:.4f}")
     print({name: round(value, 1) for name, value in results["step_seconds"].items()})
 
@@ -229,6 +228,7 @@ def main() -> None:
     scene.add_argument("--truth", type=Path, required=True)
     for command in (kitchen, scene):
         command.add_argument("--json", type=Path)
+        command.add_argument("--update-docs", action="store_true")
         command.add_argument("--max-rate-hz", type=float, default=3.0)
         command.add_argument("--mapper", choices=("incremental", "global"), default="incremental")
     options = parser.parse_args()
@@ -239,7 +239,7 @@ def main() -> None:
         results = run_redkitchen(Path(options.data) / "redkitchen_seq01_images", params)
     else:
         results = run_scene(options.folder, options.truth, params)
-    show(results)
+    show(results, options.command, update_docs=options.update_docs)
     if options.json:
         machine = describe_machine(["numpy", "scipy", "pycolmap"])
         write_json(options.json, {"machine": machine, "mapper": options.mapper, **results})

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import describe_machine, write_json
-from rich.console import Console
+from common import describe_machine, publish, write_json
 from rich.table import Table
 
 from vioapr.cli.console import progress
@@ -99,6 +98,7 @@ def main() -> None:
     """Measure all sizes and print a table."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--update-docs", action="store_true")
     parser.add_argument("--quick", action="store_true", help="few images, to see that it runs")
     options = parser.parse_args()
     images = 20 if options.quick else 100
@@ -123,7 +123,7 @@ def main() -> None:
         size = "x".join(map(str, result["size_px"]))
         numbers = (result[k] for k in ("images_per_s", "best_images_per_s", "cpu_ms_per_image"))
         table.add_row(size, "4" if result["oversampled"] else "1", *(f"{n:.1f}" for n in numbers))
-    Console().print(table)
+    publish(table, "rendering.md", "rendering", update_docs=options.update_docs)
     print(f"load of the machine before: {load_before:.1f}")
     if options.json:
         machine = describe_machine(["numpy", "moderngl", "pillow"])

@@ -22,9 +22,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from common import describe_machine, write_json
+from common import describe_machine, publish, write_json
 from PIL import Image
-from rich.console import Console
 from rich.table import Table
 
 from vioapr.formats import tum
@@ -130,6 +129,7 @@ def main() -> None:
     """Measure at both sizes and print them side by side."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--update-docs", action="store_true")
     parser.add_argument("--folder", type=Path, help="where to work; by default the temporary one")
     parser.add_argument("--quick", action="store_true", help="1,000 frames, to see that it runs")
     options = parser.parse_args()
@@ -155,7 +155,7 @@ def main() -> None:
             )
         ]
         table.add_row(name, *cells)
-    Console().print(table)
+    publish(table, "performance.md", "scenes", update_docs=options.update_docs)
     if options.json:
         machine = describe_machine(["numpy", "pillow"])
         load = os.getloadavg()

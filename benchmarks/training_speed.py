@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 import torch
 import tyro
-from common import describe_machine, time_interleaved, write_json
+from common import describe_machine, publish, time_interleaved, write_json
 from PIL import Image
 from rich.console import Console
 from rich.table import Table
@@ -61,6 +61,8 @@ Job = Callable[[], object]
 class Config:
     """What to measure."""
 
+    update_docs: bool = False
+    """Put the table into docs/results/performance.md."""
     model: str = "posenet"
     """Network, as of vioapr train."""
     images: int = 256
@@ -264,7 +266,8 @@ def print_figures(found: dict[str, Any], device: str, config: Config) -> None:
         table.add_column(column, justify="left" if not column else "right")
     for name, rate in found["images_per_s"].items():
         table.add_row(name, f"{rate:.1f}")
-    console.print(table)
+    section = f"training_{config.model}".replace("-", "_")
+    publish(table, "performance.md", section, update_docs=config.update_docs)
     for name, ratio, goal in (
         ("ours + step, over resident + step", found["ours_over_resident"], GOAL_RESIDENT),
         ("loader alone, over the plain one alone", found["ours_over_plain"], GOAL_PLAIN),
@@ -285,7 +288,7 @@ def print_figures(found: dict[str, Any], device: str, config: Config) -> None:
 def main(config: Config) -> None:
     """Measure and print."""
     if config.quick:
-        config = replace(QUICK, json=config.json)
+        config = replace(QUICK, json=config.json, update_docs=config.update_docs)
     if config.paper and not torch.cuda.is_available():
         sys.exit("--paper: expected a GPU, found none")
     if config.paper:
