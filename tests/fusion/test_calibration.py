@@ -15,6 +15,8 @@ from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.offline import run_steps, stack_walks
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.geometry import quaternion, rigid
+from vioapr.simulation.regressors import RegressorErrors
+from vioapr.simulation.trackers import TrackerErrors
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 WALKS = 32
@@ -25,9 +27,11 @@ LOWEST, HIGHEST = np.sqrt(0.5), np.sqrt(2)
 DEGREES = 2
 SETTINGS = {
     "typical": WalkParams(),
-    "poor regressor": WalkParams(bias_m=2.0, bias_deg=6.0, noise_m=0.6, noise_deg=2.0),
-    "many look-alikes": WalkParams(lookalike_share=0.2),
-    "poor tracker": WalkParams(step_noise_m=0.1),
+    "poor regressor": WalkParams(
+        regressor=RegressorErrors(bias_m=2.0, bias_deg=6.0, noise_m=0.6, noise_deg=2.0)
+    ),
+    "many look-alikes": WalkParams(regressor=RegressorErrors(lookalike_share=0.2)),
+    "poor tracker": WalkParams(tracker=TrackerErrors(step_noise_m=0.1)),
 }
 
 
