@@ -25,7 +25,7 @@ def test_any_to_any(source, target, tmp_path):
     path = write(source, tmp_path / "in")
     out = tmp_path / "out" / file_name(FORMATS[target])
     rate = {} if FORMATS[source].has_times else {"rate_hz": 2.0}
-    convert(path, out, from_=source, to=target, **rate)
+    convert(path, out, source_format=source, target_format=target, **rate)
     original, converted = read_trajectory(path, source), read_trajectory(out, target)
     np.testing.assert_allclose(converted.position_m, original.position_m, atol=1e-9)
     np.testing.assert_allclose(
@@ -61,9 +61,16 @@ def test_the_name_tells_the_format(name, expected, tmp_path):
 )
 def test_an_ambiguous_name_lists_the_formats(name, listed, tmp_path):
     path = write("tum", tmp_path)
-    with pytest.raises(ParameterError, match=f"choose one with --to: .*({listed}|7scenes)"):
+    with pytest.raises(ParameterError, match=f"one with `target_format`: .*({listed}|7scenes)"):
         convert(path, tmp_path / name)
     assert not (tmp_path / name).exists()
+
+
+def test_the_command_line_names_its_flags(fails, tmp_path):
+    path = write("tum", tmp_path)
+    assert "choose one with --to: tum" in fails("convert", path, tmp_path / "out.txt")
+    (tmp_path / "b.json").write_text("precious")
+    assert "or give --overwrite" in fails("convert", path, tmp_path / "b.json")
 
 
 def test_what_was_lost_is_said(tmp_path, capsys):
@@ -75,7 +82,7 @@ def test_what_was_lost_is_said(tmp_path, capsys):
     assert "(tum): 12 poses; lost: image names" in capsys.readouterr().out
     convert(names, tmp_path / "c.kitti", rate_hz=10.0)
     assert "lost: timestamps and image names" in capsys.readouterr().out
-    convert(names, tmp_path / "d", to="7scenes")
+    convert(names, tmp_path / "d", target_format="7scenes")
     assert "lost: image names" in capsys.readouterr().out
     convert(names, tmp_path / "e.json")
     assert "; lost" not in capsys.readouterr().out
@@ -95,7 +102,7 @@ def test_an_existing_file_is_overwritten_only_if_asked_to(tmp_path):
     path = write("tum", tmp_path)
     out = tmp_path / "out.json"
     out.write_text("precious")
-    with pytest.raises(ParameterError, match="exists: .*--overwrite"):
+    with pytest.raises(ParameterError, match="exists: .*`overwrite`"):
         convert(path, out)
     assert out.read_text() == "precious"
     convert(path, out, overwrite=True)
@@ -106,9 +113,9 @@ def test_a_folder_with_something_in_it_counts_as_existing(tmp_path):
     path = write("tum", tmp_path)
     folder = tmp_path / "model"
     folder.mkdir()
-    convert(path, folder, to="colmap")
+    convert(path, folder, target_format="colmap")
     with pytest.raises(ParameterError, match="exists"):
-        convert(path, folder, to="colmap")
+        convert(path, folder, target_format="colmap")
     assert len(read_trajectory(folder)) == 12
 
 
@@ -116,7 +123,7 @@ def test_nothing_is_written_of_what_cannot_be_read(tmp_path):
     path = tmp_path / "bad.tum"
     path.write_text("1 2 3\n")
     with pytest.raises(FormatError, match=r"bad.tum:1: expected 8 columns"):
-        convert(path, tmp_path / "out.json", from_="tum")
+        convert(path, tmp_path / "out.json", source_format="tum")
     with pytest.raises(FormatError, match=r"bad.tum:1: expected 8 columns"):
         convert(path, tmp_path / "out.json")
     assert not (tmp_path / "out.json").exists()
@@ -136,4 +143,4 @@ def test_a_sequence_is_picked(tmp_path):
 
 def test_an_unknown_format_is_refused(tmp_path):
     with pytest.raises(ParameterError, match="unknown format 'x'"):
-        convert(write("tum", tmp_path), tmp_path / "out.tum", to="x")
+        convert(write("tum", tmp_path), tmp_path / "out.tum", target_format="x")

@@ -15,8 +15,8 @@ from vioapr.formats.conversion import convert_file
 def convert(
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN")],
     target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")],
-    from_: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
-    to: Annotated[str | None, tyro.conf.arg(metavar="FORMAT")] = None,
+    source_format: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
+    target_format: Annotated[str | None, tyro.conf.arg(name="to", metavar="FORMAT")] = None,
     rate_hz: float | None = None,
     sequence: str | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -26,8 +26,8 @@ def convert(
     Args:
         source: File, or folder of a format that is one; gzip is read as it is.
         target: File or folder to write; gzipped where its name ends in .gz.
-        from_: Format of IN; by default the one it looks like.
-        to: Format of OUT; by default the one its name means.
+        source_format: Format of IN; by default the one it looks like.
+        target_format: Format of OUT; by default the one its name means.
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.
         sequence: Folder part of the image names to keep, where IN holds several sequences.
         overwrite: Write over an existing OUT.
@@ -36,7 +36,7 @@ def convert(
         VioAprError: IN cannot be read or OUT cannot be written.
     """
     options = ReadOptions(rate_hz, sequence)
-    done = convert_file(source, target, from_, to, options, overwrite=overwrite)
+    done = convert_file(source, target, source_format, target_format, options, overwrite=overwrite)
     lost = f"; lost: {' and '.join(done.lost)}" if done.lost else ""
     console.print(
         f"{source} ({done.source_format}) -> {target} ({done.target_format}): "

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.files.text import is_folder, plain_name
+from vioapr.files.text import is_folder
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.registry import FORMATS, get_format, recognize
+from vioapr.formats.registry import format_of_name, get_format, recognize
 from vioapr.trajectory import Trajectory
 
 
@@ -54,30 +54,12 @@ def convert_file(
             or its format needs what the trajectory does not have.
     """
     reader = get_format(source_format) if source_format else recognize(source)
-    writer = get_format(target_format) if target_format else _find_target(target)
+    by_name = "target_format"  # the parameter to mention where the name means no format
+    writer = get_format(target_format) if target_format else format_of_name(target, by_name)
     _check_target(source, target, overwrite=overwrite)
     trajectory = reader.read(source, options or ReadOptions())
     writer.write(target, trajectory)
     return Conversion(reader.name, writer.name, len(trajectory), _losses(trajectory, writer))
-
-
-def _find_target(path: Path) -> Format:
-    """The format that a file's name means, whole names first, then endings."""
-    name = plain_name(path)
-    for matches in (name.__eq__, name.endswith):
-        for format_ in FORMATS.values():
-            if any(matches(known) for known in format_.default_for):
-                return format_
-    ending = Path(name).suffix or "/"
-    fitting = ", ".join(f.name for f in FORMATS.values() if ending in f.extensions)
-    raise ParameterError(
-        f"{path}: the name does not tell which format to write: choose one with --to: "
-        + (fitting or _listed())
-    )
-
-
-def _listed() -> str:
-    return ", ".join(FORMATS)
 
 
 def _check_target(source: Path, target: Path, *, overwrite: bool) -> None:
@@ -89,7 +71,7 @@ def _check_target(source: Path, target: Path, *, overwrite: bool) -> None:
     if is_source:
         raise ParameterError(f"{target} is the input: write to another file")
     if exists and not overwrite:
-        raise ParameterError(f"{target} exists: choose another name, or give --overwrite")
+        raise ParameterError(f"{target} exists: choose another name, or give `overwrite`")
 
 
 def _losses(trajectory: Trajectory, writer: Format) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.files.text import has_suffix, is_folder, read_bytes
+from vioapr.files.text import has_suffix, is_folder, plain_name, read_bytes
 from vioapr.formats import (
     ace,
     advio,
@@ -118,6 +118,41 @@ def read_trajectory(
     """
     format_ = recognize(path) if format_name is None else get_format(format_name)
     return format_.read(path, options or ReadOptions())
+
+
+def write_trajectory(path: Path, trajectory: Trajectory, format_name: str | None = None) -> None:
+    """Write a trajectory in a given format, or in the one that the file's name means.
+
+    Raises:
+        ParameterError: There is no such format, the name means none, or the format needs what
+            the trajectory does not have.
+        UnwritableError: The file cannot be written.
+    """
+    format_ = format_of_name(path) if format_name is None else get_format(format_name)
+    format_.write(path, trajectory)
+
+
+def format_of_name(path: Path, parameter: str = "format_name") -> Format:
+    """The format that a file's name means: a whole name before an ending.
+
+    Args:
+        path: The file or folder to write.
+        parameter: The caller's, with which a user can choose a format.
+
+    Raises:
+        ParameterError: It means none; the message lists those that fit.
+    """
+    name = plain_name(path)
+    for matches in (name.__eq__, name.endswith):
+        for format_ in FORMATS.values():
+            if any(matches(known) for known in format_.default_for):
+                return format_
+    ending = Path(name).suffix or "/"
+    fitting = ", ".join(f.name for f in FORMATS.values() if ending in f.extensions)
+    raise ParameterError(
+        f"{path}: the name does not tell which format to write: choose one with `{parameter}`: "
+        + (fitting or ", ".join(FORMATS))
+    )
 
 
 def recognize(path: Path) -> Format:
