@@ -1,4 +1,4 @@
-"""Write docs/reference/api.md and cli.md from docstrings and from the command line's own help.
+"""Write the pages of docs/reference that come from the code: api.md, cli.md and schemas.md.
 
     python scripts/make_reference.py [--check]
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import json
 import os
 import re
 import sys
@@ -16,10 +17,11 @@ from collections.abc import Iterator
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
-from typing import ForwardRef
+from typing import Any, ForwardRef
 
 TITLE = r"^ ([\w.]+ options|options|positional arguments)$"
-REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
+ROOT = Path(__file__).parents[1]
+REFERENCE, SCHEMAS = ROOT / "docs" / "reference", ROOT / "schema"
 
 
 def api_page() -> str:
@@ -147,7 +149,57 @@ def help_of(verb: str) -> str:
     return "\n".join(line for line in lines if not re.fullmatch(r" ?[╰+─╯-]{9,}", line)).strip()
 
 
-PAGES = {"api.md": api_page, "cli.md": cli_page}
+def schemas_page() -> str:
+    """Every JSON Schema in schema/: what the file is, and its members."""
+    parts = [
+        "# JSON schemas\n",
+        "Every JSON or TOML file that crosses a border has a schema (JSON Schema 2020-12) in",
+        "`schema/`. `scripts/make_schema.py` emits them from `vioapr.schemas`, and",
+        "`scripts/make_reference.py` writes this page.\n",
+    ]
+    for path in sorted(SCHEMAS.glob("*.schema.json")):
+        schema = json.loads(path.read_text(encoding="utf-8"))
+        known = schema.get("$defs", {})
+        root = known.get(schema.get("$ref", "").rpartition("/")[2], schema)
+        parts += [f"## {schema.get('title') or root.get('title')}\n", f"`schema/{path.name}`\n"]
+        parts += [text + "\n" for text in (schema.get("description") or "",) if text]
+        parts.append(members_table(root))
+        for name, record in known.items():
+            if record is not root and record.get("properties"):
+                parts += [f"**{name}**\n", members_table(record)]
+    return "\n".join(parts)
+
+
+def members_table(record: dict[str, Any]) -> str:
+    """A record's members: name, type, what it is."""
+    required = set(record.get("required", ()))
+    lines = ["| member | type | |", "|---|---|---|"]
+    for name, member in record.get("properties", {}).items():
+        text = " ".join(str(member.get("description", "")).split()).replace("|", "\\|")
+        optional = "" if name in required else " (optional)"
+        lines.append(f"| `{name}` | {type_in_words(member)}{optional} | {text} |")
+    return "\n".join(lines) + "\n"
+
+
+def type_in_words(member: dict[str, Any]) -> str:
+    """A JSON Schema type as a few words."""
+    if "$ref" in member:
+        return str(member["$ref"]).rpartition("/")[2]
+    if "const" in member:
+        return f"`{json.dumps(member['const'])}`"
+    if "enum" in member:
+        return " or ".join(f"`{json.dumps(value)}`" for value in member["enum"])
+    if "anyOf" in member:
+        return " or ".join(type_in_words(option) for option in member["anyOf"])
+    if member.get("type") == "array":
+        items = member.get("items") or (member.get("prefixItems") or [{}])[0]
+        return f"list of {type_in_words(items)}" if isinstance(items, dict) and items else "list"
+    if isinstance(extra := member.get("additionalProperties"), dict):
+        return f"object of {type_in_words(extra)}"
+    return str(member.get("type", "any"))
+
+
+PAGES = {"api.md": api_page, "cli.md": cli_page, "schemas.md": schemas_page}
 
 
 def main() -> None:
