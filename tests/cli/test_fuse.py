@@ -80,6 +80,7 @@ BAD_VALUES = [
     (("--d-th", "wide"), "could not convert string to float: 'wide'"),
     (("--o-th", "nan"), "--o-th: expected a number of at least 0, got nan"),
     (("--n", "0"), "--n: expected a whole number of at least 1, got 0"),
+    (("--pose-graph-prior-sigma-m", "0"), "--pose-graph-prior-sigma-m: expected a number greater"),
     (("--n", "1.5"), "invalid literal for int() with base 10: '1.5'"),
     (("--method", "magic"), "unknown method 'magic': expected one of apr, vio, vio-apr"),
     (("--view", "both"), "invalid choice 'both'"),

@@ -213,17 +213,19 @@ def test_batches_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "flag"),
+    ("name", "value"),
     [
-        ("prior_sigma_m", 0.0, "--pose-graph-prior-sigma-m"),
-        ("prior_sigma_deg", -1.0, "--pose-graph-prior-sigma-deg"),
-        ("between_sigma_m", float("inf"), "--pose-graph-between-sigma-m"),
-        ("between_sigma_deg", float("nan"), "--pose-graph-between-sigma-deg"),
-        ("cauchy_k", 0.0, "--pose-graph-cauchy-k"),
-        ("updates", 0, "--pose-graph-updates"),
-        ("updates", 1.5, "--pose-graph-updates"),
+        ("prior_sigma_m", 0.0),
+        ("prior_sigma_deg", -1.0),
+        ("between_sigma_m", float("inf")),
+        ("between_sigma_deg", float("nan")),
+        ("cauchy_k", 0.0),
+        ("updates", 0),
+        ("updates", 1.5),
     ],
 )
-def test_impossible_parameters_are_refused(name, value, flag):
-    with pytest.raises(ParameterError, match=rf"{flag}: expected .*, got {value}"):
+def test_impossible_parameters_are_refused(name, value):
+    with pytest.raises(
+        ParameterError, match=rf"^PoseGraphParams\.{name}: expected .*, got {value}"
+    ):
         PoseGraphParams(**{name: value})

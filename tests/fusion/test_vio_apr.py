@@ -184,12 +184,15 @@ def test_the_papers_reading_of_algorithm_1():
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"distance_threshold_m": -0.1}, "--d-th: expected a number of at least 0, got -0.1"),
-        ({"angle_threshold_deg": float("nan")}, "--o-th: .* got nan"),
-        ({"distance_threshold_m": float("inf")}, "--d-th: .* got inf"),
-        ({"run_pairs": 0}, "--n: expected a whole number of at least 1, got 0"),
-        ({"run_pairs": 1.5}, "--n: .* got 1.5"),
-        ({"optimized_frames": 0}, "--t: .* got 0"),
+        (
+            {"distance_threshold_m": -0.1},
+            "distance_threshold_m: expected a number of at least 0, got -0.1",
+        ),
+        ({"angle_threshold_deg": float("nan")}, "angle_threshold_deg: .* got nan"),
+        ({"distance_threshold_m": float("inf")}, "distance_threshold_m: .* got inf"),
+        ({"run_pairs": 0}, "^run_pairs: expected a whole number of at least 1, got 0"),
+        ({"run_pairs": 1.5}, "^run_pairs: .* got 1.5"),
+        ({"optimized_frames": 0}, "^optimized_frames: .* got 0"),
     ],
 )
 def test_bad_parameters_are_refused(kwargs, message):

@@ -22,6 +22,7 @@ from vioapr.geometry.averaging import mean_quaternion
 from vioapr.geometry.relative import RelativeGap, relative_gap
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.umeyama import align_umeyama
+from vioapr.geometry.vectors import distance_along_m
 
 MIN_SPREAD_M = 0.05
 """Positions that spread less across their main direction leave a rotation undetermined."""
@@ -43,16 +44,16 @@ is off by more than 5 m and by more than 75 % of the true one. A wrong scale alo
 
 @dataclass(frozen=True)
 class VioQualityParams:
-    """What is compared.
+    """The spans over which a tracker is compared with ground truth, and limits.
 
     Attributes:
-        align_s: The tracker's world is aligned rigidly on so many first seconds.
+        align_s: Seconds at the beginning on which the tracker's world is aligned rigidly.
         rate_hz: RPE and ROE are between frames one period of this rate apart.
         within_m: A pair is good if its RPE is below this and
         within_deg: its ROE below this.
         stretch_m: Drift per distance is taken over stretches of this length (or half of the
             walk, where it is shorter than two).
-        stretch_s: Drift per minute over stretches of this duration, likewise.
+        stretch_s: Drift per minute is taken over stretches of this duration, or half the walk.
     """
 
     align_s: float = 30.0
@@ -89,11 +90,11 @@ class Drift(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class VioQuality:
-    """What is known of one tracker on one walk.
+    """The quality of one tracker on one walk.
 
     Attributes:
         track: The poses.
-        params: What was compared.
+        params: Of the comparison.
         errors: APE and AOE of every frame after alignment on the first `align_s`, shape (n,).
         gaps: RPE and ROE of all pairs, shape (m,).
         pair_rows: First and second row of every pair, shape (m, 2).
@@ -142,12 +143,13 @@ def analyze(track: VioTrack, params: VioQualityParams | None = None) -> VioQuali
     params = params or VioQualityParams()
     times = _times(track, params)
     gt, vio = track.gt_world_from_cam, track.vio_from_cam
-    is_first = _elapsed_in_world(times, track.tracking_world) <= params.align_s
+    _, start, world = np.unique(track.tracking_world, return_index=True, return_inverse=True)
+    is_first = times - times[start][world] <= params.align_s
     errors = pose_errors(gt, _placed(track, is_first, align_track))
-    best = pose_errors(gt, _placed(track, np.ones(len(track), dtype=bool), _align_positions))
+    best = pose_errors(gt, _placed(track, np.ones(len(track), dtype=bool), align_positions))
     pairs = pairs_apart(times, track.tracking_world, 1 / params.rate_hz)
     gaps = relative_gap(*(poses.at(rows) for poses in (gt, vio) for rows in pairs.T))
-    walked_m = _walked_m(gt.translation_m)
+    walked_m = distance_along_m(gt.translation_m)
     return VioQuality(
         track,
         params,
@@ -155,11 +157,11 @@ def analyze(track: VioTrack, params: VioQualityParams | None = None) -> VioQuali
         gaps,
         pairs,
         float(np.sqrt(np.mean(best.position_m**2))),
-        _scale(track),
+        estimate_scale(track),
         float(walked_m[-1]),
         _drift(track, walked_m, params.stretch_m),
         _drift(track, times, params.stretch_s),
-        _find_divergence(track, times),
+        find_divergence(track, times),
     )
 
 
@@ -192,13 +194,6 @@ def pairs_apart(
     return np.column_stack([first, second])[fits]
 
 
-def _elapsed_in_world(
-    timestamp_s: NDArray[np.float64], world: NDArray[np.integer]
-) -> NDArray[np.float64]:
-    _, start, inverse = np.unique(world, return_index=True, return_inverse=True)
-    return timestamp_s - timestamp_s[start][inverse]
-
-
 def _placed(
     track: VioTrack, is_used: NDArray[np.bool_], align: Callable[[Rigid3, Rigid3], Rigid3]
 ) -> Rigid3:
@@ -227,13 +222,26 @@ def align_track(vio_from_cam: Rigid3, gt_world_from_cam: Rigid3) -> Rigid3:
     """
     source, target = vio_from_cam.translation_m, gt_world_from_cam.translation_m
     is_wide = min(_spread_m(source), _spread_m(target)) >= MIN_SPREAD_M
-    if is_wide and not _axes_agree(vio_from_cam, gt_world_from_cam):
-        return align_umeyama(source, target).rigid
+    if is_wide:
+        # Does one rotation between the worlds explain most orientations?
+        quats = quaternion.multiply(
+            gt_world_from_cam.quat_xyzw, quaternion.inverse(vio_from_cam.quat_xyzw)
+        )
+        mean = mean_quaternion(quats, np.ones(len(quats)))
+        if np.median(quaternion.angle_between_deg(mean, quats)) > AXES_AGREE_DEG:
+            return align_umeyama(source, target).rigid
     return align_umeyama(_arms(vio_from_cam), _arms(gt_world_from_cam)).rigid
 
 
-def _align_positions(vio_from_cam: Rigid3, gt_world_from_cam: Rigid3) -> Rigid3:
-    """world_from_vio of the least square position error, which ATE is defined by."""
+def align_positions(vio_from_cam: Rigid3, gt_world_from_cam: Rigid3) -> Rigid3:
+    """world_from_vio of the least square position error, which ATE is defined by.
+
+    Where the positions leave a rotation undetermined, it is `align_track`'s.
+
+    Args:
+        vio_from_cam: Shape (n,), n at least 1.
+        gt_world_from_cam: Shape (n,).
+    """
     source, target = vio_from_cam.translation_m, gt_world_from_cam.translation_m
     if min(_spread_m(source), _spread_m(target)) < MIN_SPREAD_M:
         return align_track(vio_from_cam, gt_world_from_cam)
@@ -247,15 +255,6 @@ def _arms(target_from_cam: Rigid3) -> NDArray[np.float64]:
     return poses.apply(ends[None]).reshape(-1, 3)
 
 
-def _axes_agree(vio_from_cam: Rigid3, gt_world_from_cam: Rigid3) -> bool:
-    """Whether one rotation between the worlds explains most orientations."""
-    quats = quaternion.multiply(
-        gt_world_from_cam.quat_xyzw, quaternion.inverse(vio_from_cam.quat_xyzw)
-    )
-    mean = mean_quaternion(quats, np.ones(len(quats)))
-    return bool(np.median(quaternion.angle_between_deg(mean, quats)) <= AXES_AGREE_DEG)
-
-
 def _spread_m(points: NDArray[np.float64]) -> float:
     """Standard deviation along the second main direction."""
     if len(points) < 3:
@@ -264,8 +263,11 @@ def _spread_m(points: NDArray[np.float64]) -> float:
     return float(singular[1] / np.sqrt(len(points)))
 
 
-def _scale(track: VioTrack) -> float:
-    """Of the longest tracking world."""
+def estimate_scale(track: VioTrack) -> float:
+    """Ground truth metres per metre of the tracker, over its longest tracking world.
+
+    NaN where one of the two hardly moved.
+    """
     worlds, counts = np.unique(track.tracking_world, return_counts=True)
     rows = track.tracking_world == worlds[np.argmax(counts)]
     source = track.vio_from_cam.translation_m[rows]
@@ -273,12 +275,6 @@ def _scale(track: VioTrack) -> float:
     if min(_spread_m(source), _spread_m(target)) < MIN_SPREAD_M:
         return float("nan")
     return float(align_umeyama(source, target, with_scale=True).scale)
-
-
-def _walked_m(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance from the first position along the path, shape (n,)."""
-    steps = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _drift(track: VioTrack, progress: NDArray[np.float64], wanted: float) -> Drift:
@@ -304,7 +300,16 @@ def _drift(track: VioTrack, progress: NDArray[np.float64], wanted: float) -> Dri
     )
 
 
-def _find_divergence(track: VioTrack, timestamp_s: NDArray[np.float64]) -> float | None:
+def find_divergence(track: VioTrack, timestamp_s: NDArray[np.float64]) -> float | None:
+    """The first time at which a tracker that diverges does so, in seconds from the first frame.
+
+    Args:
+        track: The poses, n of them.
+        timestamp_s: Shape (n,), seconds; of a track without clock, at an assumed rate.
+
+    Returns:
+        None for a tracker that does not diverge; see `DIVERGENCE_SHARE`.
+    """
     first, second = pairs_apart(timestamp_s, track.tracking_world, DIVERGENCE_WINDOW_S).T
     if not len(first):
         return None

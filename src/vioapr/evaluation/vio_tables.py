@@ -59,7 +59,7 @@ def to_record(qualities: Sequence[VioQuality]) -> VioQualityRecord:
                 diverging=[q.track.walk for q in members if q.diverges_at_s is not None],
                 pairs=sum(len(q.pair_rows) for q in steady(members)),
                 share_within=share_within(steady(members)),
-                distribution=_distributions(steady(members)),
+                distribution=error_distributions(steady(members)),
             )
             for name, members in group_tracks(qualities).items()
         },
@@ -106,8 +106,8 @@ def _track_record(quality: VioQuality) -> TrackRecord:
     )
 
 
-def _distributions(qualities: Sequence[VioQuality]) -> DistributionRecord:
-    """Of all frames or pairs of several tracks together."""
+def error_distributions(qualities: Sequence[VioQuality]) -> DistributionRecord:
+    """The errors that `PERCENTS` of all frames or pairs of several tracks do not exceed."""
     curves: dict[str, list[float]] = {}
     for name, values in pooled_errors(qualities).items():
         ordered, _ = cumulative_distribution(values)

@@ -95,7 +95,7 @@ def make_track(
         AssociationError: No frame of the tracker has ground truth.
     """
     if vio.is_timed and gt.is_timed:
-        rows, framed = _interpolate_gt(vio, gt, tolerance_s)
+        rows, framed = interpolate_gt(vio, gt, tolerance_s)
     else:
         pairs = associate(vio, gt)
         rows = pairs.left_rows
@@ -121,10 +121,20 @@ def make_track(
     )
 
 
-def _interpolate_gt(
+def interpolate_gt(
     vio: Trajectory, gt: Trajectory, tolerance_s: float
 ) -> tuple[NDArray[np.intp], Trajectory | None]:
-    """Rows of the tracker that have ground truth, and ground truth at their times."""
+    """Rows of the tracker that have ground truth, and ground truth at their times.
+
+    Args:
+        vio: With a clock.
+        gt: On the same clock.
+        tolerance_s: Frames this near to a pose have ground truth, and so have those between
+            poses at most `MAX_GT_GAP_S` apart.
+
+    Returns:
+        Rows, shape (n,), and ground truth of n poses; None instead of no poses.
+    """
     times, known = vio.timestamp_s, gt.timestamp_s
     is_near = np.abs(known[nearest_rows(times, known)] - times) <= tolerance_s + 1e-9
     after = np.searchsorted(known, times).clip(1, max(len(known) - 1, 1)).clip(max=len(known) - 1)
@@ -135,8 +145,7 @@ def _interpolate_gt(
         return rows, None
     # Frames within the tolerance before the first or after the last pose take that pose.
     at = np.clip(times[rows], known[0], known[-1])
-    poses = gt.interpolate(at)
-    return rows, poses
+    return rows, gt.interpolate(at)
 
 
 def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
@@ -153,7 +162,14 @@ def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
     found: dict[Path, VioWalk] = {}
     for path in paths:
         if (path / SCENE_FILE).is_file():
-            walks = _scene_walks(path)
+            scene = Scene.open(path)
+            ids = [id_ for id_ in scene.recording_ids if scene.gt_path(id_).exists()]
+            walks = [VioWalk(scene.gt_path(i), partial(_read_recording, scene, i)) for i in ids]
+            if not walks:
+                raise FormatError(
+                    path,
+                    "expected ground truth gt/<recording>.tum, found none: make it with vioapr map",
+                )
         else:
             walks = [
                 VioWalk(files.gt, partial(_read_files, files))
@@ -168,17 +184,6 @@ def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
             )
         found |= {walk.gt.resolve(): walk for walk in walks}
     return list(found.values())
-
-
-def _scene_walks(folder: Path) -> list[VioWalk]:
-    """The recordings of a scene that have ground truth."""
-    scene = Scene.open(folder)
-    ids = [id_ for id_ in scene.recording_ids if scene.gt_path(id_).exists()]
-    if not ids:
-        raise FormatError(
-            folder, "expected ground truth gt/<recording>.tum, found none: make it with vioapr map"
-        )
-    return [VioWalk(scene.gt_path(id_), partial(_read_recording, scene, id_)) for id_ in ids]
 
 
 def _read_recording(scene: Scene, id_: str, tolerance_s: float) -> list[VioTrack]:

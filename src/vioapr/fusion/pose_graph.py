@@ -47,19 +47,20 @@ class PoseGraphParams:
     """Whether to compute the uncertainty of every estimate, which takes longer."""
 
     def __post_init__(self) -> None:
+        # Method mapnet-pgo has parameters of the same names: messages say whose these are.
+        owner = type(self).__name__
         for name in (
             *("prior_sigma_m", "prior_sigma_deg", "between_sigma_m", "between_sigma_deg"),
             "cauchy_k",
         ):
             value = getattr(self, name)
             if not 0 < value < float("inf"):
-                flag = name.replace("_", "-")
                 raise ParameterError(
-                    f"--pose-graph-{flag}: expected a number greater than 0, got {value}"
+                    f"{owner}.{name}: expected a number greater than 0, got {value}"
                 )
         if not (self.updates >= 1 and self.updates == int(self.updates)):
             raise ParameterError(
-                f"--pose-graph-updates: expected a whole number of at least 1, got {self.updates}"
+                f"{owner}.updates: expected a whole number of at least 1, got {self.updates}"
             )
 
 
@@ -86,6 +87,48 @@ class PoseGraphState:
     count: int = 0
     world_from_cam: Any = None
     vio_from_cam: Any = None
+
+    def extend(self, frame: FrameInput, has_prediction: bool, updates: int) -> None:
+        """Add a frame's variable and factors, and solve for the newest pose.
+
+        Args:
+            frame: A tracked frame; a segment's first one has a prediction.
+            has_prediction: Whether its prediction counts.
+            updates: Of iSAM2.
+        """
+        gtsam, key = self.gtsam, self.count
+        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        vio_from_cam = _to_pose3(gtsam, frame.vio_from_cam)
+        prediction = _to_pose3(gtsam, frame.apr_world_from_cam)
+        if has_prediction:
+            factors.add(gtsam.PriorFactorPose3(key, prediction, self.prior_noise))
+        if self.graph is None:
+            options = gtsam.ISAM2Params()
+            # GTSAM's default, Cholesky, is faster by a third but gives up where VIO is trusted
+            # some 1e4 times more than the regressor.
+            options.setFactorization("QR")
+            self.graph = gtsam.ISAM2(options)
+            values.insert(key, prediction)
+        else:
+            motion = self.vio_from_cam.between(vio_from_cam)
+            factors.add(gtsam.BetweenFactorPose3(key - 1, key, motion, self.between_noise))
+            values.insert(key, self.world_from_cam.compose(motion))
+        self.graph.update(factors, values)
+        for _ in range(updates - 1):
+            self.graph.update()
+        self.count = key + 1
+        self.vio_from_cam = vio_from_cam
+        self.world_from_cam = self.graph.calculateEstimatePose3(key)
+
+    def newest_sigmas(self) -> tuple[Array, Array]:
+        """Standard deviations of the newest pose per axis, m and deg, each of shape ().
+
+        They are of the mean of the three axes' variances. The covariance is in the camera's
+        axes, but that mean is the same in any.
+        """
+        variances = np.diagonal(self.graph.marginalCovariance(self.count - 1))
+        rotation_rad, position_m = np.sqrt(variances.reshape(2, 3).mean(axis=1))
+        return np.asarray(position_m), np.asarray(np.rad2deg(rotation_rad))
 
 
 def init(params: PoseGraphParams, batch_shape: tuple[int, ...], like: Array) -> PoseGraphState:
@@ -126,74 +169,19 @@ def step(
     has_prediction = bool(frame.has_apr and frame.tracking_ok)
     # Before its first prediction a segment could lie anywhere: the system has no solution.
     if not frame.tracking_ok or (state.graph is None and not has_prediction):
-        return state, _unlocalized(params)
-    _extend_graph(params, state, frame, has_prediction)
-    return state, _estimate(params, state, has_prediction)
-
-
-def _extend_graph(
-    params: PoseGraphParams, state: PoseGraphState, frame: FrameInput, has_prediction: bool
-) -> None:
-    """Add the frame's variable and factors, and solve for the newest pose."""
-    gtsam, key = state.gtsam, state.count
-    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    vio_from_cam = _to_pose3(gtsam, frame.vio_from_cam)
-    if has_prediction:
-        prediction = _to_pose3(gtsam, frame.apr_world_from_cam)
-        factors.add(gtsam.PriorFactorPose3(key, prediction, state.prior_noise))
-    if state.graph is None:
-        state.graph = _new_graph(gtsam)
-        values.insert(key, prediction)
-    else:
-        motion = state.vio_from_cam.between(vio_from_cam)
-        factors.add(gtsam.BetweenFactorPose3(key - 1, key, motion, state.between_noise))
-        values.insert(key, state.world_from_cam.compose(motion))
-    state.graph.update(factors, values)
-    for _ in range(params.updates - 1):
-        state.graph.update()
-    state.count = key + 1
-    state.vio_from_cam = vio_from_cam
-    state.world_from_cam = state.graph.calculateEstimatePose3(key)
-
-
-def _new_graph(gtsam: Any) -> Any:
-    """An empty iSAM2 session that factorizes by QR.
-
-    GTSAM's default, Cholesky, is faster by a third but gives up where VIO is trusted some 1e4
-    times more than the regressor.
-    """
-    options = gtsam.ISAM2Params()
-    options.setFactorization("QR")
-    return gtsam.ISAM2(options)
-
-
-def _estimate(params: PoseGraphParams, state: PoseGraphState, has_prediction: bool) -> Estimate:
-    """The newest pose of the graph."""
+        nowhere = Rigid3(np.full(3, np.nan), np.full(4, np.nan))
+        sigma = np.asarray(np.nan) if params.sigmas else None
+        zero = np.asarray(int(Status.UNLOCALIZED), dtype=np.int32)
+        return state, Estimate(nowhere, nowhere, zero, zero, sigma, sigma)
+    state.extend(frame, has_prediction, params.updates)
     world_from_vio = state.world_from_cam.compose(state.vio_from_cam.inverse())
-    return Estimate(
+    return state, Estimate(
         _to_rigid3(state.world_from_cam),
         _to_rigid3(world_from_vio),
         np.asarray(Status.OPTIMIZED if has_prediction else Status.TRACKED, dtype=np.int32),
         np.asarray(0, dtype=np.int32),
-        *(_newest_sigmas(state) if params.sigmas else (None, None)),
+        *(state.newest_sigmas() if params.sigmas else (None, None)),
     )
-
-
-def _newest_sigmas(state: PoseGraphState) -> tuple[Array, Array]:
-    """Standard deviations per axis, m and deg: of the mean of the three axes' variances.
-
-    The covariance is in the camera's axes, but that mean is the same in any.
-    """
-    variances = np.diagonal(state.graph.marginalCovariance(state.count - 1))
-    rotation_rad, position_m = np.sqrt(variances.reshape(2, 3).mean(axis=1))
-    return np.asarray(position_m), np.asarray(np.rad2deg(rotation_rad))
-
-
-def _unlocalized(params: PoseGraphParams) -> Estimate:
-    nowhere = Rigid3(np.full(3, np.nan), np.full(4, np.nan))
-    sigma = np.asarray(np.nan) if params.sigmas else None
-    zero = np.asarray(int(Status.UNLOCALIZED), dtype=np.int32)
-    return Estimate(nowhere, nowhere, zero, zero, sigma, sigma)
 
 
 def _to_pose3(gtsam: Any, pose: Rigid3) -> Any:

@@ -48,17 +48,14 @@ class VioAprParams:
     """The paper's T: predictions checked against a reference before a new one is sought."""
 
     def __post_init__(self) -> None:
-        for flag, value in (
-            ("d-th", self.distance_threshold_m),
-            ("o-th", self.angle_threshold_deg),
-        ):
+        for name in ("distance_threshold_m", "angle_threshold_deg"):
+            value = getattr(self, name)
             if not 0 <= value < float("inf"):
-                raise ParameterError(f"--{flag}: expected a number of at least 0, got {value}")
-        for flag, count in (("n", self.run_pairs), ("t", self.optimized_frames)):
+                raise ParameterError(f"{name}: expected a number of at least 0, got {value}")
+        for name in ("run_pairs", "optimized_frames"):
+            count = getattr(self, name)
             if not (count >= 1 and count == int(count)):
-                raise ParameterError(
-                    f"--{flag}: expected a whole number of at least 1, got {count}"
-                )
+                raise ParameterError(f"{name}: expected a whole number of at least 1, got {count}")
 
 
 class VioAprState(NamedTuple):
