@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.walks import WalkFiles
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, poses_of_frames
+from vioapr.work.progress import Tick, ignore
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ def load_cases(
     walks: Sequence[WalkFiles],
     *,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
-    tick: Callable[[], object] | None = None,
+    tick: Tick = ignore,
 ) -> list[Case]:
     """Read every walk with each of its odometries and regressors.
 
@@ -93,6 +94,5 @@ def load_cases(
                         f"{walk.vios[vio_name].name}: {error}"
                     ) from None
                 cases.append(Case(walk.set_name, walk.walk, vio_name, apr_name, frames, gt_poses))
-        if tick is not None:
-            tick()
+        tick()
     return cases

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from vioapr.fusion.offline import View, fuse_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.tree import tree_map
+from vioapr.work.progress import Tick, ignore
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ def evaluate_cases(
     params_of_method: Mapping[str, Any],
     *,
     view: View = "retrospective",
-    tick: Callable[[], object] | None = None,
+    tick: Tick = ignore,
 ) -> list[Result]:
     """Fuse every case with every method.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
@@ -16,13 +16,11 @@ from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
 from vioapr.geometry.arrays import namespace, select
 from vioapr.geometry.tree import tree_map
+from vioapr.work.progress import Tick, ignore
 
 View = Literal["retrospective", "live"]
 """`live`: what was known when each frame arrived. `retrospective`: as the paper's tables, the
 predictions of a run that later proved right count as keyframes from its beginning."""
-
-Tick = Callable[[], object] | None
-"""Called after every step, for progress."""
 
 
 def fuse_walk(
@@ -31,7 +29,7 @@ def fuse_walk(
     frames: PairedFrames,
     *,
     view: View = "retrospective",
-    tick: Tick = None,
+    tick: Tick = ignore,
 ) -> FusedWalk:
     """Fuse one walk.
 
@@ -48,7 +46,7 @@ def fuse_walks(
     walks: Sequence[PairedFrames],
     *,
     view: View = "retrospective",
-    tick: Tick = None,
+    tick: Tick = ignore,
 ) -> list[FusedWalk]:
     """Fuse many walks, in one batch where the method allows it.
 
@@ -76,7 +74,7 @@ def fuse_walks(
     return fused
 
 
-def run_steps(method: Method, params: Any, frames: FrameInput, *, tick: Tick = None) -> Estimate:
+def run_steps(method: Method, params: Any, frames: FrameInput, *, tick: Tick = ignore) -> Estimate:
     """Step a method through frames of shape (time, ...); the estimates have that shape too.
 
     Args:
@@ -90,8 +88,7 @@ def run_steps(method: Method, params: Any, frames: FrameInput, *, tick: Tick = N
     for index in range(frames.timestamp_s.shape[0]):
         state, estimate = method.step(params, state, frames.at((index, ...)))
         estimates.append(estimate)
-        if tick is not None:
-            tick()
+        tick()
     xp = namespace(frames.timestamp_s)
     return tree_map(lambda *parts: xp.stack(list(parts)), *estimates)
 

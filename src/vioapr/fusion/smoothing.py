@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from vioapr.errors import ParameterError
 from vioapr.fusion.fused_walk import FusedWalk
-from vioapr.fusion.offline import Tick, View, fuse_walks
+from vioapr.fusion.offline import View, fuse_walks
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import Method, Status
 from vioapr.geometry import quaternion
 from vioapr.geometry.arrays import select
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.tree import tree_map
+from vioapr.work.progress import Tick, ignore
 
 
 def smooth_walk(
@@ -32,7 +33,7 @@ def smooth_walk(
     frames: PairedFrames,
     *,
     view: View = "live",
-    tick: Tick = None,
+    tick: Tick = ignore,
 ) -> FusedWalk:
     """Smooth one walk; see `smooth_walks`."""
     return smooth_walks(method, params, [frames], view=view, tick=tick)[0]
@@ -44,7 +45,7 @@ def smooth_walks(
     walks: Sequence[PairedFrames],
     *,
     view: View = "live",
-    tick: Tick = None,
+    tick: Tick = ignore,
 ) -> list[FusedWalk]:
     """Fuse walks forwards and backwards and combine the two.
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from vioapr.importers import (
 from vioapr.importers.base import Finding, Importer, ImportOptions, Place, Walk
 from vioapr.importers.diagnostics import judge
 from vioapr.importers.write import open_or_create, write_walk
+from vioapr.work.progress import Progress
 
 IMPORTERS: dict[str, Importer] = {
     importer.name: importer
@@ -37,8 +37,6 @@ IMPORTERS: dict[str, Importer] = {
 }
 
 _ALIASES = {"polycam": "nerfstudio", "instant-ngp": "nerfstudio", "sevenscenes": "7scenes"}
-
-Progress = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
 
 
 @dataclass(frozen=True)
@@ -92,8 +90,7 @@ def import_source(
         options: What the user says of the source.
         place: For a new scene, where the source does not say.
         link: Hard-link images rather than copy them.
-        progress: From a title and a total, a context that yields a function to call with the
-            number of steps made.
+        progress: Opened once a recording.
 
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.

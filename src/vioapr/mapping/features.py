@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from vioapr.errors import MappingError
 from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors
 from vioapr.mapping.inputs import CameraGroup, MapImages
 from vioapr.mapping.params import MappingParams
+from vioapr.work.progress import Tick
 
 CHUNK = 16
 """Images between two reports of progress, and the most that a kill can cost."""
@@ -30,7 +30,7 @@ def extract_features(
     image_folder: Path,
     images: MapImages,
     params: MappingParams,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> dict[str, str]:
     """Find the features of all images that have none in the database yet.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from vioapr.mapping.features import image_ids
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.pairs import Pairs
 from vioapr.mapping.params import MappingParams
+from vioapr.work.progress import Tick
 
 CHUNK = 200
 """Pairs between two reports of progress, and the most that a kill can cost."""
@@ -29,7 +30,7 @@ def match_pairs(
     images: MapImages,
     pairs: Pairs,
     params: MappingParams,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> None:
     """Match and verify all pairs that are not in the database yet.
 

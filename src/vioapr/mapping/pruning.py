@@ -7,7 +7,6 @@ or fold the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +22,7 @@ from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.joining import MIN_PAIRS, can_be_joined, join_worlds
 from vioapr.mapping.pairs import Pairs
 from vioapr.mapping.two_view import PairGeometries, estimate_distances_m, misfits, read_geometries
+from vioapr.work.progress import Tick
 
 _UP = np.array([0.0, 1.0, 0.0])
 
@@ -60,7 +60,7 @@ def prune_pairs(
     pairs: Pairs,
     others: Pairs,
     seed: int,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> int:
     """Empty those of the pairs in the database that VIO contradicts.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from vioapr.errors import MappingError, UnwritableError
 from vioapr.mapping.colmap import load_pycolmap, translated_errors
 from vioapr.mapping.params import MappingParams
+from vioapr.work.progress import Tick
 
 MIN_MODEL_IMAGES = 3
 MAX_MODELS = 10
@@ -25,7 +26,7 @@ def reconstruct(
     params: MappingParams,
     *,
     refines_intrinsics: bool,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> list[list[str]]:
     """Make a model of the given images and write it.
 
@@ -75,7 +76,7 @@ def _run_incremental(
     scratch: Path,
     params: MappingParams,
     refines: bool,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> dict[int, Any]:
     pycolmap = load_pycolmap()
     options = _with_common(pycolmap.IncrementalPipelineOptions(), names, params)
@@ -99,7 +100,7 @@ def _run_global(
     scratch: Path,
     params: MappingParams,
     refines: bool,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> dict[int, Any]:
     pycolmap = load_pycolmap()
     options = _with_common(pycolmap.GlobalPipelineOptions(), names, params)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from vioapr.mapping.pairs import Pairs, query_pairs, view_cost, viewing_directio
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import tilt_deg
 from vioapr.mapping.reconstruct import registered_images
+from vioapr.work.progress import Tick
 
 MAX_ERROR_PX = 6.0
 """Largest reprojection error of a point that agrees with a pose, of images 640 pixels long."""
@@ -62,7 +62,7 @@ def register_images(
     images: MapImages,
     pairs: Pairs,
     params: MappingParams,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> list[Registered]:
     """Find the poses of images from their matches with images of the map.
 

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans
 
+from vioapr.work.progress import Tick, ignore
+
 WORDS = 64
 SAMPLE = 10_000
 CONVERGENCE = 1e-3
@@ -22,7 +24,7 @@ def describe_images(
     names: Sequence[str],
     *,
     seed: int,
-    tick: Callable[[], object] | None = None,
+    tick: Tick = ignore,
 ) -> NDArray[np.float32]:
     """One vector an image; the inner product of two says how alike they look.
 
@@ -39,8 +41,7 @@ def describe_images(
     vectors = []
     for name in names:
         vectors.append(_vlad(read(name), words))
-        if tick is not None:
-            tick()
+        tick()
     return np.stack(vectors)
 
 

@@ -8,7 +8,6 @@ that is enough to tell a facade's next window from one ten metres on.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +21,7 @@ from vioapr.mapping.features import image_ids
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.matching import MIN_INLIERS
 from vioapr.mapping.pairs import Pairs
+from vioapr.work.progress import Tick
 
 NEIGHBOUR_S = 5.0
 """Images of one tracking world no further apart in time tell the distance of what they see."""
@@ -60,9 +60,7 @@ class PairGeometries(NamedTuple):
         return PairGeometries._make(np.concatenate(both) for both in zip(self, others, strict=True))
 
 
-def read_geometries(
-    path: Path, images: MapImages, pairs: Pairs, tick: Callable[[], object]
-) -> PairGeometries:
+def read_geometries(path: Path, images: MapImages, pairs: Pairs, tick: Tick) -> PairGeometries:
     """Those of the pairs whose matches were verified and whose images both have VIO poses.
 
     Args:
@@ -147,7 +145,7 @@ class _Reader:
 
 
 def misfits(
-    path: Path, images: MapImages, found: PairGeometries, poses: Rigid3, tick: Callable[[], object]
+    path: Path, images: MapImages, found: PairGeometries, poses: Rigid3, tick: Tick
 ) -> NDArray[np.bool_]:
     """Pairs most of whose matches cannot be of one point, were the images at given poses.
 

@@ -9,10 +9,11 @@ from vioapr.errors import FormatError
 from vioapr.files.text import read_text, write_text
 from vioapr.importers.base import ImportOptions, Walk
 from vioapr.importers.diagnostics import judge
-from vioapr.importers.registry import Progress, get_importer
+from vioapr.importers.registry import get_importer
 from vioapr.importers.write import open_or_create, write_walk
 from vioapr.recipes.datasets import DataSet
 from vioapr.scene.scene import SCENE_FILE, Scene
+from vioapr.work.progress import Progress
 
 IMPORTED_FILE = "imported.json"
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from vioapr.errors import UnwritableError
-from vioapr.importers.registry import Progress
 from vioapr.recipes.comparison import compare, load_paper
 from vioapr.recipes.datasets import DataSet, FoundScenes, choose_scenes, find_scenes
 from vioapr.recipes.importing import import_scene
@@ -25,6 +24,7 @@ from vioapr.recipes.report import (
     reference_table,
 )
 from vioapr.scene.scene import Scene
+from vioapr.work.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,7 @@ def reproduce(
 
     Args:
         request: What.
-        progress: From a title and a total, a context that yields a function to call with the
-            number of steps made.
+        progress: Opened for every recording that is imported, and for all trainings.
         say: Called with a line on every part that is done.
 
     Raises:

@@ -29,11 +29,10 @@ from vioapr.regression.preparing import choose_frames, prepare_run
 from vioapr.regression.spec import RegressorSpec
 from vioapr.regression.training import train
 from vioapr.scene.scene import Scene
+from vioapr.work.progress import Advance
 
-Tick = Callable[[int], object]
 
-
-def run_training(training: Training, scenes: Mapping[str, Scene], tick: Tick) -> None:
+def run_training(training: Training, scenes: Mapping[str, Scene], tick: Advance) -> None:
     """Train and predict what is not there yet.
 
     Args:
@@ -54,7 +53,7 @@ def run_training(training: Training, scenes: Mapping[str, Scene], tick: Tick) ->
         _predict(training, regressor, name, scenes[name], tick)
 
 
-def _learn(training: Training, scenes: list[Scene], tick: Tick) -> None:
+def _learn(training: Training, scenes: list[Scene], tick: Advance) -> None:
     recipe = training.recipe
     run = prepare_run(
         scenes, choose_frames(scenes), _spec(training), _params(recipe), training.folder,
@@ -107,7 +106,7 @@ def _params(recipe: Recipe) -> TrainingParams:
 
 
 def _predict(
-    training: Training, regressor: LoadedRegressor, name: str, scene: Scene, tick: Tick
+    training: Training, regressor: LoadedRegressor, name: str, scene: Scene, tick: Advance
 ) -> None:
     """Predict a scene's test recordings; the note that they are whole comes last."""
     folder = training.walks_folder(name)
