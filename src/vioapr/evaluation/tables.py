@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from vioapr.fusion.methods import default_params
 from vioapr.fusion.offline import View
 from vioapr.fusion.types import Status
 from vioapr.schemas.results import GroupRecord, RowRecord, SummaryRecord, WalkRecord
+from vioapr.work.progress import Tick, ignore
 
 SUBSETS: dict[str, tuple[Status, ...]] = {
     "only keyframes": (Status.KEYFRAME,),
@@ -88,7 +89,7 @@ def evaluate(
     params_of_method: Mapping[str, Any],
     *,
     view: View = "retrospective",
-    tick: Callable[[], object] | None = None,
+    tick: Tick = ignore,
 ) -> Evaluation:
     """Fuse every case with every method, and group the results into tables.
 
@@ -110,7 +111,7 @@ COMPARED = ("apr", "vio", "vio-apr", "consensus")
 
 
 def compare_methods(
-    case: Case, method: str, fused: FusedWalk, *, tick: Callable[[], object] | None = None
+    case: Case, method: str, fused: FusedWalk, *, tick: Tick = ignore
 ) -> list[Group]:
     """Group a localizer's own results with those of the methods `COMPARED` on its inputs.
 
