@@ -7,7 +7,7 @@ import pytest
 from tests.formats.conftest import file_name, make_trajectory
 
 from vioapr.cli.convert import convert
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import AlreadyExistsError, FormatError, ParameterError
 from vioapr.formats.conversion import convert_file
 from vioapr.formats.registry import FORMATS, read_trajectory
 
@@ -102,7 +102,7 @@ def test_an_existing_file_is_overwritten_only_if_asked_to(tmp_path):
     path = write("tum", tmp_path)
     out = tmp_path / "out.json"
     out.write_text("precious")
-    with pytest.raises(ParameterError, match="exists: .*`overwrite`"):
+    with pytest.raises(AlreadyExistsError, match="exists: .*`overwrite`"):
         convert(path, out)
     assert out.read_text() == "precious"
     convert(path, out, overwrite=True)
@@ -114,7 +114,7 @@ def test_a_folder_with_something_in_it_counts_as_existing(tmp_path):
     folder = tmp_path / "model"
     folder.mkdir()
     convert(path, folder, target_format="colmap")
-    with pytest.raises(ParameterError, match="exists"):
+    with pytest.raises(AlreadyExistsError, match="exists"):
         convert(path, folder, target_format="colmap")
     assert len(read_trajectory(folder)) == 12
 
@@ -130,7 +130,7 @@ def test_nothing_is_written_of_what_cannot_be_read(tmp_path):
 
 
 def test_a_format_with_times_needs_a_rate(tmp_path):
-    with pytest.raises(ParameterError, match="needs timestamps.*--rate-hz"):
+    with pytest.raises(ParameterError, match="needs timestamps.*`rate_hz`"):
         convert(write("hloc", tmp_path), tmp_path / "out.tum")
 
 

@@ -46,7 +46,7 @@ def test_a_rate_makes_times_of_frame_numbers(path):
 
 
 def test_a_rate_for_several_sequences_lists_them(path):
-    with pytest.raises(ParameterError, match="several sequences.*--sequence: a, b"):
+    with pytest.raises(ParameterError, match="several sequences.*`sequence`: a, b"):
         read(path, rate_hz=2)
 
 

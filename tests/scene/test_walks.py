@@ -4,7 +4,7 @@ from tests.scene.scenes import make_scene
 
 from vioapr.errors import FileMissingError, FormatError, ParameterError
 from vioapr.formats.registry import read_trajectory
-from vioapr.formats.sigma import Sigmas, read_sigmas_beside
+from vioapr.formats.stated_sigmas import Sigmas, read_sigmas_beside
 from vioapr.scene.walks import (
     find_walks,
     is_sidecar,

@@ -11,7 +11,7 @@ from vioapr.cli.console import console, progress
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.formats import tum
 from vioapr.formats.registry import read_trajectory
-from vioapr.formats.sigma import read_sigmas, read_sigmas_beside
+from vioapr.formats.stated_sigmas import read_sigmas, read_sigmas_beside
 from vioapr.fusion.fused_walk import FusedWalk, write_fused_csv
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import View, fuse_walk

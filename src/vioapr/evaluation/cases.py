@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, VioAprError
 from vioapr.formats.registry import read_trajectory
-from vioapr.formats.sigma import read_sigmas_beside
+from vioapr.formats.stated_sigmas import read_sigmas_beside
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.walks import WalkFiles

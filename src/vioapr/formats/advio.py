@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError
-from vioapr.files.tables import Rows, all_numbers, format_rows, head_rows, parse_rows
+from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_rows
 from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions, tum
 from vioapr.formats.base import Format, ReadOptions
@@ -47,8 +47,8 @@ _CAM_FROM_DEVICE = quaternion.from_matrix(_CAM_FROM_ARCAM @ _ARCAM_FROM_DEVICE)
 _MIRROR_Z = np.array([1.0, 1.0, -1.0])
 
 
-def _world_from_cam(file_poses: Rigid3) -> Rigid3:
-    """Of the ground truth: from the file's convention to ours."""
+def world_from_cam_of_gt(file_poses: Rigid3) -> Rigid3:
+    """Convert ground truth from the file's convention to ours."""
     z_up_from_device = quaternion.inverse(file_poses.quat_xyzw)
     world_from_device = quaternion.multiply(_WORLD_FROM_Z_UP, z_up_from_device)
     device_from_cam = quaternion.inverse(_CAM_FROM_DEVICE)
@@ -58,8 +58,8 @@ def _world_from_cam(file_poses: Rigid3) -> Rigid3:
     )
 
 
-def _file_from_ours(world_from_cam: Rigid3) -> Rigid3:
-    """The inverse of `_world_from_cam`."""
+def gt_of_world_from_cam(world_from_cam: Rigid3) -> Rigid3:
+    """Convert ground truth from our convention to the file's."""
     world_from_device = quaternion.multiply(world_from_cam.quat_xyzw, _CAM_FROM_DEVICE)
     z_up_from_device = quaternion.multiply(quaternion.inverse(_WORLD_FROM_Z_UP), world_from_device)
     return Rigid3(world_from_cam.translation_m * _MIRROR_Z, quaternion.inverse(z_up_from_device))
@@ -79,28 +79,24 @@ def _sniff(path: Path, head: bytes, *, is_tracker: bool) -> float:
 
 def _read(path: Path, options: ReadOptions, *, is_tracker: bool) -> Trajectory:
     rows = parse_rows(path, read_text(path), range(8, 9), what=_COLUMNS, delimiter=",")
-    rows = _skip_uninitialised(rows)
-    values = rows.numbers(slice(0, 8))
-    poses = poses_of(rows, values[:, 1:4], values[:, [5, 6, 7, 4]])
-    poses = conventions.world_from_arcam(poses) if is_tracker else _world_from_cam(poses)
-    target = "vio" if is_tracker else "world"
-    return build_trajectory(rows, values[:, 0], poses, options, target=target)
-
-
-def _skip_uninitialised(rows: Rows) -> Rows:
     has_position = (rows.numbers(slice(1, 4)) != 0).any(axis=1)
     if not has_position.any() and len(rows) > 1:
         raise FormatError(
-            rows.path, "expected positions, got 0,0,0 in every row: the tracker never started"
+            path, "expected positions, got 0,0,0 in every row: the tracker never started"
         )
     first = int(np.argmax(has_position))
-    return rows.at(range(first if first > 1 else 0, len(rows)))
+    rows = rows.at(range(first if first > 1 else 0, len(rows)))
+    values = rows.numbers(slice(0, 8))
+    poses = poses_of(rows, values[:, 1:4], values[:, [5, 6, 7, 4]])
+    poses = conventions.world_from_arcam(poses) if is_tracker else world_from_cam_of_gt(poses)
+    target = "vio" if is_tracker else "world"
+    return build_trajectory(rows, values[:, 0], poses, options, target=target)
 
 
 def _write(path: Path, trajectory: Trajectory, *, is_tracker: bool) -> None:
     require_times(trajectory, "an ADVIO file")
     poses = trajectory.target_from_source
-    poses = conventions.world_from_arcam(poses) if is_tracker else _file_from_ours(poses)
+    poses = conventions.world_from_arcam(poses) if is_tracker else gt_of_world_from_cam(poses)
     columns = pose_columns(poses, (3, 0, 1, 2))
     times = trajectory.timestamp_s.tolist()
     rows = [(time, *row) for time, row in zip(times, columns, strict=True)]
@@ -108,10 +104,10 @@ def _write(path: Path, trajectory: Trajectory, *, is_tracker: bool) -> None:
 
 
 def read_corrected(path: Path, *, is_tracker: bool) -> Trajectory:
-    """A track whose defects others have mended: TUM columns, y up, ARKit's camera axes.
+    """Read a track that others have corrected: TUM columns, y up, ARKit's camera axes.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     trajectory = tum.read(path, ReadOptions())
     poses = conventions.world_from_arcam(trajectory.target_from_source)

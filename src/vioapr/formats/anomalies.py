@@ -1,4 +1,4 @@
-"""What looks wrong with a single trajectory: frozen, gaps, jumps, scale, order, axes."""
+"""Anomalies of a single trajectory: frozen poses, gaps, jumps, scale, component order, axes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vioapr.formats.readings import AS_READ, INVERTED_ROTATION, QUATERNION_ORDERS
 from vioapr.geometry import quaternion
-from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.vectors import step_lengths_m
 from vioapr.trajectory import Trajectory
 
 MAX_SPEED_M_S = 10.0
@@ -26,91 +26,88 @@ _LEAST_MOTION_M = 0.1
 _ROTATION_READINGS = (AS_READ, INVERTED_ROTATION, *QUATERNION_ORDERS)
 
 
-def find_defects(trajectory: Trajectory) -> list[str]:
-    """Warnings, one line each; none for a clean track of a hand-held camera."""
-    found = [_frozen(trajectory), _extent(trajectory)]
+def find_anomalies(trajectory: Trajectory) -> list[str]:
+    """Find what a clean track of a hand-held camera does not have.
+
+    Args:
+        trajectory: One track, of whatever frames; camera axes are looked at where its source
+            is "cam".
+
+    Returns:
+        Warnings, one line each; possibly none.
+    """
+    found: list[str] = []
+    rows = np.column_stack([trajectory.position_m, trajectory.quat_xyzw])
+    is_same = (np.diff(rows, axis=0) == 0).all(axis=1)
+    if len(is_same) >= 2 and is_same.sum() >= 3 and is_same.mean() >= _FROZEN_FRACTION:
+        found.append(
+            f"frozen: {is_same.sum()} of {len(rows)} poses ({is_same.mean():.0%}) repeat the one "
+            f"before exactly, first pose {int(np.argmax(is_same)) + 2}: was tracking lost?"
+        )
+    extent_m = float(np.ptp(trajectory.position_m, axis=0).max())
+    if extent_m > _MAX_EXTENT_M:
+        found.append(f"scale: positions span {extent_m:.3g} m: are they in metres?")
     if trajectory.is_timed and len(trajectory) > 1:
-        found += [_gaps(trajectory), _speed(trajectory)]
+        steps_s = np.diff(trajectory.timestamp_s)
+        is_gap = steps_s > max(_GAP_STEPS * float(np.median(steps_s)), _GAP_S)
+        if is_gap.any():
+            row = int(np.argmax(steps_s))
+            found.append(
+                f"gaps: {is_gap.sum()} in time, the longest of {steps_s[row]:.3f} s after "
+                f"{trajectory.timestamp_s[row]:.6f} s (median step {np.median(steps_s):.3f} s)"
+            )
+        found += find_speed_anomalies(trajectory)
     if trajectory.source == "cam" and len(trajectory) >= _LEAST_STEPS:
-        found += _camera_axes(trajectory)
-    return [warning for warning in found if warning is not None]
+        found += find_rotation_anomalies(trajectory)
+    return found
 
 
 def step_speeds(trajectory: Trajectory) -> NDArray[np.float64]:
     """Speed between successive poses, shape (n - 1,), m/s."""
     with np.errstate(over="ignore"):  # times may differ by less than any clock can tell
-        speeds = _step_lengths(trajectory) / np.diff(trajectory.timestamp_s)
+        speeds = step_lengths_m(trajectory.position_m) / np.diff(trajectory.timestamp_s)
     return np.minimum(speeds, np.finfo(np.float64).max / 4)
 
 
-def _step_lengths(trajectory: Trajectory) -> NDArray[np.float64]:
-    return np.linalg.norm(np.diff(trajectory.position_m, axis=0), axis=1)
-
-
-def _frozen(trajectory: Trajectory) -> str | None:
-    rows = np.column_stack([trajectory.position_m, trajectory.quat_xyzw])
-    is_same = (np.diff(rows, axis=0) == 0).all(axis=1)
-    if len(is_same) < 2 or is_same.sum() < 3 or is_same.mean() < _FROZEN_FRACTION:
-        return None
-    return (
-        f"frozen: {is_same.sum()} of {len(rows)} poses ({is_same.mean():.0%}) repeat the one "
-        f"before exactly, first pose {int(np.argmax(is_same)) + 2}: was tracking lost?"
-    )
-
-
-def _gaps(trajectory: Trajectory) -> str | None:
-    steps = np.diff(trajectory.timestamp_s)
-    is_gap = steps > max(_GAP_STEPS * float(np.median(steps)), _GAP_S)
-    if not is_gap.any():
-        return None
-    row = int(np.argmax(steps))
-    return (
-        f"gaps: {is_gap.sum()} in time, the longest of {steps[row]:.3f} s after "
-        f"{trajectory.timestamp_s[row]:.6f} s (median step {np.median(steps):.3f} s)"
-    )
-
-
-def _speed(trajectory: Trajectory) -> str | None:
-    speeds, lengths = step_speeds(trajectory), _step_lengths(trajectory)
+def find_speed_anomalies(trajectory: Trajectory) -> list[str]:
+    """Find speeds of a timed trajectory that no hand-held camera has: a warning, or none."""
+    speeds, lengths = step_speeds(trajectory), step_lengths_m(trajectory.position_m)
     duration_s = trajectory.timestamp_s[-1] - trajectory.timestamp_s[0]
     median = float(np.median(speeds))
     if median > MAX_SPEED_M_S:
-        return (
+        return [
             f"scale or clock: the median speed is {median:.3g} m/s, too fast for a hand-held "
             "camera: are positions in metres and times in seconds?"
-        )
+        ]
     if duration_s > _STILL_DURATION_S and np.quantile(speeds, 0.95) < _STILL_SPEED_M_S:
-        return (
+        return [
             f"scale: 95 % of the steps are slower than {np.quantile(speeds, 0.95) * 1000:.3g} "
             "mm/s: does the camera rest, or are positions not in metres?"
-        )
+        ]
     is_jump = (speeds > MAX_SPEED_M_S) & (lengths > _JUMP_DISTANCE_M)
     if not is_jump.any():
-        return None
+        return []
     row = int(np.argmax(np.where(is_jump, lengths, 0)))
-    return (
+    return [
         f"jumps: {is_jump.sum()} of {len(speeds)} steps are faster than {MAX_SPEED_M_S:.0f} m/s, "
         f"the longest of {lengths[row]:.2f} m after {trajectory.timestamp_s[row]:.6f} s "
         "(outliers, as of a regressor, or a tracker that relocalized)"
-    )
+    ]
 
 
-def _extent(trajectory: Trajectory) -> str | None:
-    extent_m = float(np.ptp(trajectory.position_m, axis=0).max())
-    if extent_m <= _MAX_EXTENT_M:
-        return None
-    return f"scale: positions span {extent_m:.3g} m: are they in metres?"
+def motion_directions(position_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Unit directions of motion, over the shortest span of rows that moves.
 
+    Args:
+        position_m: Of a camera in its world, shape (n, 3).
 
-def _motion_directions(trajectory: Trajectory) -> NDArray[np.float64] | None:
-    """Unit directions of motion in the world, of steps long enough to have one, with NaN else.
-
-    Shape (n - span, 3) over the shortest span of rows that moves; None if none does.
+    Returns:
+        Shape (n - span, 3), NaN for steps too short to have a direction; None if all are.
     """
     for span in (1, 2, 4, 8, 16, 32, 64):
-        if len(trajectory) < span + _LEAST_STEPS:
+        if len(position_m) < span + _LEAST_STEPS:
             return None
-        moves = trajectory.position_m[span:] - trajectory.position_m[:-span]
+        moves = position_m[span:] - position_m[:-span]
         lengths = np.linalg.norm(moves, axis=1)
         if np.median(lengths) > _LEAST_MOTION_M:
             return np.where(
@@ -119,39 +116,34 @@ def _motion_directions(trajectory: Trajectory) -> NDArray[np.float64] | None:
     return None
 
 
-def _camera_axes(trajectory: Trajectory) -> list[str]:
-    """People walk where the camera looks, or at a constant angle to it.
+def find_rotation_anomalies(trajectory: Trajectory) -> list[str]:
+    """Find rotations and camera axes that do not go with the motion: a warning, or none.
 
-    So seen from the camera, the direction of motion changes little. It wanders if rotations
-    are misread, and points backwards if the camera's axes are.
+    People walk where the camera looks, or at a constant angle to it. So seen from the camera,
+    the direction of motion changes little. It wanders if rotations are misread, and points
+    backwards if the camera's axes are.
     """
-    directions = _motion_directions(trajectory)
+    directions = motion_directions(trajectory.position_m)
     if directions is None:
         return []
-    steadiness = {
-        reading.title: _mean_direction(reading.change(trajectory.target_from_source), directions)
-        for reading in _ROTATION_READINGS
-    }
-    as_read = steadiness.pop(AS_READ.title)
+    # Of each reading, the mean direction seen from the camera: as long as it is steady.
+    means: dict[str, NDArray[np.float64]] = {}
+    for reading in _ROTATION_READINGS:
+        quats = reading.change(trajectory.target_from_source).quat_xyzw[: len(directions)]
+        seen = quaternion.rotate(quaternion.inverse(quats), directions)
+        means[reading.title] = np.nanmean(seen, axis=0)
+    as_read = means.pop(AS_READ.title)
     if as_read[2] < _BACKWARDS:
         return [
             "camera axes: maybe OpenGL's (looking along -z) read as OpenCV's: the camera moves "
             f"backwards (mean cosine of motion and view {as_read[2]:.2f})"
         ]
     now = float(np.linalg.norm(as_read))
-    title, best = max(
-        ((title, float(np.linalg.norm(mean))) for title, mean in steadiness.items()),
-        key=lambda item: item[1],
-    )
+    steadiness = {title: float(np.linalg.norm(mean)) for title, mean in means.items()}
+    title, best = max(steadiness.items(), key=lambda item: item[1])
     if now > _UNSTEADY or best < _STEADY:
         return []
     return [
         f"rotations: maybe {title}: the direction of motion would be steady as seen from the "
         f"camera ({best:.2f} of 1), and is not ({now:.2f})"
     ]
-
-
-def _mean_direction(world_from_cam: Rigid3, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The mean of unit directions of motion in the camera's frame: as long as they are steady."""
-    quats = world_from_cam.quat_xyzw[: len(directions)]
-    return np.nanmean(quaternion.rotate(quaternion.inverse(quats), directions), axis=0)

@@ -33,7 +33,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     The device frame is the glasses', not a camera's.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     is_open_loop = b"tx_odometry_device" in read_bytes(path, 4096).split(b"\n")[0]
     target = "odometry" if is_open_loop else "world"
@@ -54,7 +54,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: The trajectory has no timestamps.
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     require_times(trajectory, "an Aria file")
     target = "odometry" if trajectory.target == "odometry" else "world"

@@ -1,4 +1,4 @@
-"""What a trajectory format is, and the reading and writing of files, gzip or not."""
+"""The type of a trajectory format, and of the options of reading one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HEAD_BYTES = 65536
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What a file does not say of itself.
+    """Facts that a file does not say of itself.
 
     Attributes:
         rate_hz: Frames per second of image names' frame numbers (or of rows, for formats
@@ -48,10 +48,11 @@ class Format:
         extensions: File name endings it is usually written with, without ".gz".
         sniff: From a path and the first bytes (decompressed; b"" for a directory), how sure
             one can be that it is this format: 0 (it is not) to 1.
-        read: Reads a file into our conventions; raises FormatError.
+        read: Reads a file into our conventions; raises a FileError.
         write: Writes a trajectory in the format's conventions.
         has_times: Whether a file says when each pose was.
         has_names: Whether a file says of which image each pose is.
+        name_suffix: Ending without which image names are lost.
         default_for: File names and endings, without ".gz", that mean this format when writing.
     """
 
@@ -64,4 +65,5 @@ class Format:
     write: Callable[[Path, Trajectory], None]
     has_times: bool = False
     has_names: bool = False
+    name_suffix: str = ""
     default_for: tuple[str, ...] = ()

@@ -41,21 +41,13 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read world_from_cam poses of `images.txt` or of a model's folder, ordered by name.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
         ParameterError: The options do not fit the file's sequences.
     """
     path = file_of(path, _FILE)
-    rows = _image_rows(path, read_text(path))
-    values = rows.numbers(slice(1, 8))
-    poses = poses_of(rows, values[:, 4:7], values[:, [1, 2, 3, 0]])
-    return build_named(rows, rows.column(9), conventions.cam_from_world(poses), options)
-
-
-def _image_rows(path: Path, text: str) -> Rows:
-    """The image lines; after each comes a line of points, maybe empty, that is passed over."""
-    fields, lines = [], []
-    expects_points = False
-    for number, line in enumerate(text.splitlines(), start=1):
+    rows = Rows(path, [], [])
+    expects_points = False  # after each image comes a line of points, maybe empty
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         stripped = line.strip()
         if stripped.startswith("#"):
             continue
@@ -67,12 +59,14 @@ def _image_rows(path: Path, text: str) -> Rows:
             row = stripped.split(maxsplit=9)
             if len(row) != 10:
                 raise FormatError(path, f"expected 10 columns ({_COLUMNS}), got {len(row)}", number)
-            fields.append(row)
-            lines.append(number)
+            rows.fields.append(row)
+            rows.lines.append(number)
             expects_points = True
-    if not fields:
+    if not len(rows):
         raise FormatError(path, f"expected rows of {_COLUMNS}, got none: the file is empty")
-    return Rows(path, fields, lines)
+    values = rows.numbers(slice(1, 8))
+    poses = poses_of(rows, values[:, 4:7], values[:, [1, 2, 3, 0]])
+    return build_named(rows, rows.column(9), conventions.cam_from_world(poses), options)
 
 
 def images_of(trajectory: Trajectory) -> list[tuple[int, str, list[float]]]:
@@ -96,7 +90,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: A name that the format cannot hold.
-        FormatError: A file cannot be written.
+        UnwritableError: A file cannot be written.
     """
     # The blank line is the image's points.
     rows = [(number, *pose, 1, f"{name}\n") for number, name, pose in images_of(trajectory)]

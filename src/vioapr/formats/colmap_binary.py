@@ -48,18 +48,11 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read world_from_cam poses of `images.bin` or of a model's folder, ordered by name.
 
     Raises:
-        FormatError: Naming file and the image's number in it.
+        FileError: It cannot be read or is malformed, naming file and the image's number in it.
         ParameterError: The options do not fit the file's sequences.
     """
     path = file_of(path, _FILE)
-    names, values = _parse(path, read_bytes(path))
-    rows = Rows.numbered(path, len(names))
-    numbers = np.array(values)
-    poses = poses_of(rows, numbers[:, 4:7], numbers[:, [1, 2, 3, 0]])
-    return build_named(rows, names, conventions.cam_from_world(poses), options)
-
-
-def _parse(path: Path, content: bytes) -> tuple[list[str], list[tuple[float, ...]]]:
+    content = read_bytes(path)
     if len(content) < _COUNT.size:
         raise FormatError(path, "expected a count of images, got the end of the file")
     (count,) = _COUNT.unpack_from(content)
@@ -67,12 +60,14 @@ def _parse(path: Path, content: bytes) -> tuple[list[str], list[tuple[float, ...
         raise FormatError(
             path, f"expected at least one image and as many as the file has room for, got {count}"
         )
-    names, values, at = [], [], _COUNT.size
+    names: list[str] = []
+    values = np.zeros((count, 7))
+    at = _COUNT.size
     for number in range(1, count + 1):
         end_of_name = content.find(b"\0", at + _IMAGE.size)
         if end_of_name < 0 or end_of_name + 1 + _COUNT.size > len(content):
             raise FormatError(path, f"expected {count} images, got the end of the file", number)
-        values.append(_IMAGE.unpack_from(content, at)[1:8])
+        values[number - 1] = _IMAGE.unpack_from(content, at)[1:8]
         try:
             names.append(content[at + _IMAGE.size : end_of_name].decode())
         except UnicodeDecodeError:
@@ -81,7 +76,9 @@ def _parse(path: Path, content: bytes) -> tuple[list[str], list[tuple[float, ...
         at = end_of_name + 1 + _COUNT.size + points * _POINT_BYTES
         if at > len(content):
             raise FormatError(path, f"expected {points} points, got the end of the file", number)
-    return names, values
+    rows = Rows.numbered(path, len(names))
+    poses = poses_of(rows, values[:, 4:7], values[:, [1, 2, 3, 0]])
+    return build_named(rows, names, conventions.cam_from_world(poses), options)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:
@@ -91,7 +88,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: A name that the format cannot hold.
-        FormatError: A file cannot be written.
+        UnwritableError: A file cannot be written.
     """
     images = [
         _IMAGE.pack(number, *pose, 1) + name.encode() + b"\0" + _COUNT.pack(0)

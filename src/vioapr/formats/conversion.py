@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import AlreadyExistsError, ParameterError, UnreadableError
 from vioapr.files.text import is_folder
-from vioapr.formats.base import Format, ReadOptions
+from vioapr.formats.base import ReadOptions
 from vioapr.formats.registry import format_of_name, get_format, recognize
-from vioapr.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """What was done.
+    """A conversion that was done.
 
     Attributes:
         source_format: Name of the format read.
@@ -49,41 +48,33 @@ def convert_file(
         overwrite: Write over an existing file.
 
     Raises:
-        FormatError: The source cannot be read, or the target cannot be written.
-        ParameterError: No such format, none that the target's name means, the target exists,
-            or its format needs what the trajectory does not have.
+        FileMissingError: The source is missing.
+        UnreadableError: The source cannot be read.
+        FormatError: The source is malformed.
+        AlreadyExistsError: The target exists.
+        UnwritableError: The target cannot be written.
+        ParameterError: No such format, none that the target's name means, the target is the
+            source, or its format needs what the trajectory does not have.
     """
     reader = get_format(source_format) if source_format else recognize(source)
     by_name = "target_format"  # the parameter to mention where the name means no format
     writer = get_format(target_format) if target_format else format_of_name(target, by_name)
-    _check_target(source, target, overwrite=overwrite)
-    trajectory = reader.read(source, options or ReadOptions())
-    writer.write(target, trajectory)
-    return Conversion(reader.name, writer.name, len(trajectory), _losses(trajectory, writer))
-
-
-def _check_target(source: Path, target: Path, *, overwrite: bool) -> None:
     try:
         is_source = target.exists() and source.exists() and target.samefile(source)
         exists = any(target.iterdir()) if is_folder(target) else target.exists()
     except OSError as error:
-        raise FormatError(target, f"cannot be looked at: {error.strerror}") from None
+        raise UnreadableError(target, f"cannot be looked at: {error.strerror}") from None
     if is_source:
         raise ParameterError(f"{target} is the input: write to another file")
     if exists and not overwrite:
-        raise ParameterError(f"{target} exists: choose another name, or give `overwrite`")
-
-
-def _losses(trajectory: Trajectory, writer: Format) -> tuple[str, ...]:
-    lost = []
+        raise AlreadyExistsError(target, "exists: choose another name, or give `overwrite`")
+    trajectory = reader.read(source, options or ReadOptions())
+    writer.write(target, trajectory)
+    lost: list[str] = []
     if trajectory.is_timed and not writer.has_times:
         lost.append("timestamps")
-    if trajectory.names is not None and not _keeps_names(trajectory.names, writer):
+    if trajectory.names is not None and not (
+        writer.has_names and all(name.endswith(writer.name_suffix) for name in trajectory.names)
+    ):
         lost.append("image names")
-    return tuple(lost)
-
-
-def _keeps_names(names: tuple[str, ...], writer: Format) -> bool:
-    if writer.name == "7scenes":
-        return all(name.endswith(".color.png") for name in names)
-    return writer.has_names
+    return Conversion(reader.name, writer.name, len(trajectory), tuple(lost))

@@ -31,7 +31,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read poses of the IMU body (not of a camera) in the world, timed in seconds.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     rows = parse_rows(path, read_text(path), _WIDTHS, what=_COLUMNS, delimiter=",")
     values = rows.numbers(slice(1, 8))
@@ -45,7 +45,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: The trajectory has no timestamps.
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     require_times(trajectory, "a EuRoC file")
     columns = pose_columns(trajectory.target_from_source, (3, 0, 1, 2))

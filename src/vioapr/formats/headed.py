@@ -41,7 +41,7 @@ def build_timed(
         source: Name of the source frame.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     values = rows.numbers(pose)
     poses = convert(poses_of(rows, values[:, :3], values[:, 3:7]))

@@ -1,18 +1,20 @@
-"""What a trajectory file is, how sure that is, and what looks wrong with it."""
+"""The inspection of a trajectory file: its format, how sure that is, and its anomalies."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vioapr.errors import FormatError
-from vioapr.formats.anomalies import find_defects, step_speeds
+from vioapr.formats.anomalies import find_anomalies, step_speeds
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.readings import AS_READ, Fit, find_better_reading, fit_readings, up_of
 from vioapr.formats.registry import get_format, rank_formats, read_trajectory
+from vioapr.geometry.vectors import angle_between_deg, path_length_m
+from vioapr.schemas.base import to_plain
 from vioapr.trajectory import Trajectory
 
 _LOW_CONFIDENCE = 0.6
@@ -56,7 +58,7 @@ class Up:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What is found out of a file.
+    """Facts and anomalies of a file.
 
     Attributes:
         path: The file.
@@ -96,7 +98,7 @@ class Inspection:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for json.dumps; numbers that are not known are null."""
-        return _without_nan(asdict(self))
+        return to_plain(self)
 
 
 def inspect_file(
@@ -105,7 +107,7 @@ def inspect_file(
     options: ReadOptions | None = None,
     against: Trajectory | None = None,
 ) -> Inspection:
-    """Read a file leniently and judge it.
+    """Read a file leniently and look for anomalies.
 
     Args:
         path: A trajectory file, or a folder of a format that is one.
@@ -114,7 +116,9 @@ def inspect_file(
         against: Another track of the same walk, whose convention is known.
 
     Raises:
-        FormatError: It cannot be read, for another reason than timestamps out of order.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is malformed, in another way than by timestamps out of order.
         ParameterError: There is no format of that name, or the options do not fit.
         AssociationError: It has too few frames in common with the other track.
     """
@@ -126,25 +130,10 @@ def inspect_file(
     best = ranked[0][0].name if ranked else None
     trajectory = read_trajectory(path, best, options)
     fits = [] if against is None else fit_readings(trajectory, against)
-    warnings = [
-        *_doubts(ranked),
-        *_time_warnings(skipped),
-        *find_defects(trajectory),
-        *_fit_warnings(fits),
-    ]
-    return _describe(path, ranked, trajectory, warnings, fits)
-
-
-def _describe(
-    path: Path,
-    ranked: list[tuple[Format, float]],
-    trajectory: Trajectory,
-    warnings: list[str],
-    fits: list[Fit],
-) -> Inspection:
     times, positions = trajectory.timestamp_s, trajectory.position_m
     is_timed = trajectory.is_timed
     has_steps = is_timed and len(times) > 1
+    speeds = step_speeds(trajectory) if has_steps else np.zeros(1)
     return Inspection(
         path=str(path),
         candidates=tuple(Candidate(f.name, round(confidence, 2)) for f, confidence in ranked),
@@ -160,69 +149,81 @@ def _describe(
             (float(low), float(high))
             for low, high in zip(positions.min(axis=0), positions.max(axis=0), strict=True)
         ),
-        path_length_m=float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()),
-        speed=_speed(trajectory) if has_steps else None,
-        up=_up(trajectory) if trajectory.source == "cam" else None,
-        warnings=tuple(warnings),
+        path_length_m=path_length_m(positions),
+        speed=Speed(float(np.median(speeds)), float(np.quantile(speeds, 0.95)), float(speeds.max()))
+        if has_steps
+        else None,
+        up=find_up(trajectory) if trajectory.source == "cam" else None,
+        warnings=(
+            *warn_of_reading(ranked, skipped),
+            *find_anomalies(trajectory),
+            *warn_of_convention(fits),
+        ),
         fits=tuple(fits),
     )
 
 
-def _speed(trajectory: Trajectory) -> Speed:
-    speeds = step_speeds(trajectory)
-    return Speed(float(np.median(speeds)), float(np.quantile(speeds, 0.95)), float(speeds.max()))
-
-
-def _up(trajectory: Trajectory) -> Up:
+def find_up(trajectory: Trajectory) -> Up:
+    """Find the axis of the target frame that a hand-held camera has up; see `up_of`."""
     up, spread_deg, is_portrait = up_of(trajectory.quat_xyzw)
     axis = int(np.argmax(np.abs(up)))
+    direction = np.sign(up[axis]) * np.eye(3)[axis]
     name = ("+" if up[axis] > 0 else "-") + "xyz"[axis]
-    off_axis_deg = float(np.degrees(np.arccos(np.clip(abs(up[axis]), 0, 1))))
-    return Up(name, off_axis_deg, spread_deg, is_portrait)
+    return Up(name, float(angle_between_deg(up, direction)), spread_deg, is_portrait)
 
 
-def _doubts(ranked: list[tuple[Format, float]]) -> list[str]:
+def warn_of_reading(ranked: list[tuple[Format, float]], skipped: list[FormatError]) -> list[str]:
+    """Say that a file's format is uncertain, and which rows its reader left out.
+
+    Args:
+        ranked: The formats that it may be, with a confidence of 0 to 1, likeliest first.
+        skipped: Errors of rows whose timestamps are out of order.
+
+    Returns:
+        Warnings, one line each; possibly none.
+    """
+    warnings: list[str] = []
     (best, confidence), others = ranked[0], ranked[1:]
-    if confidence >= _LOW_CONFIDENCE:
-        return []
-    names = ", ".join(f"{f.name} ({c:.0%})" for f, c in others) or "no other known format"
-    return [
-        f"format: only {confidence:.0%} sure of {best.name}; it may be {names}: "
-        "the columns alone do not tell"
-    ]
+    if confidence < _LOW_CONFIDENCE:
+        names = ", ".join(f"{f.name} ({c:.0%})" for f, c in others) or "no other known format"
+        warnings.append(
+            f"format: only {confidence:.0%} sure of {best.name}; it may be {names}: "
+            "the columns alone do not tell"
+        )
+    if skipped:
+        listed = [f"line {error.line}: {error.problem}" for error in skipped[:_MAX_LISTED]]
+        rest = len(skipped) - len(listed)
+        more = f"; and {rest} more" if rest else ""
+        count = len(skipped)
+        warnings.append(
+            f"time: {count} rows out of order, left out here: {'; '.join(listed)}{more}"
+        )
+    return warnings
 
 
-def _time_warnings(skipped: list[FormatError]) -> list[str]:
-    if not skipped:
-        return []
-    listed = [f"line {error.line}: {error.problem}" for error in skipped[:_MAX_LISTED]]
-    rest = len(skipped) - len(listed)
-    more = f"; and {rest} more" if rest else ""
-    return [f"time: {len(skipped)} rows out of order, left out here: {'; '.join(listed)}{more}"]
+def warn_of_convention(fits: list[Fit]) -> list[str]:
+    """Say that a file fits another track better in another reading, or in none.
 
+    Args:
+        fits: As of `fit_readings`; none if there is no other track.
 
-def _fit_warnings(fits: list[Fit]) -> list[str]:
+    Returns:
+        A warning, or none.
+    """
     if not fits:
         return []
     as_read = next(fit for fit in fits if fit.title == AS_READ.title)
     better = find_better_reading(fits)
-    if better is None and as_read.rotation_deg > _NO_FIT_DEG:
+    if better is not None:
+        return [
+            f"convention: fits the other track better with {better.title}: relative rotations "
+            f"differ by {better.rotation_deg:.1f} deg instead of {as_read.rotation_deg:.1f} deg, "
+            f"directions of motion by {better.direction_deg:.0f} deg instead of "
+            f"{as_read.direction_deg:.0f} deg"
+        ]
+    if as_read.rotation_deg > _NO_FIT_DEG:
         return [
             f"convention: no reading fits the other track: relative rotations differ by "
             f"{as_read.rotation_deg:.1f} deg: another walk, clock or device frame, or noise?"
         ]
-    if better is None:
-        return []
-    return [
-        f"convention: fits the other track better with {better.title}: relative rotations differ "
-        f"by {better.rotation_deg:.1f} deg instead of {as_read.rotation_deg:.1f} deg, directions "
-        f"of motion by {better.direction_deg:.0f} deg instead of {as_read.direction_deg:.0f} deg"
-    ]
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return []

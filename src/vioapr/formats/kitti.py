@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from vioapr.errors import FormatError
-from vioapr.files.tables import Rows, all_numbers, format_rows, head_rows, parse_rows
+from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_rows
 from vioapr.files.text import has_suffix, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, index_times, rigid_of_matrices
@@ -30,7 +30,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     A 13th number in front, as visual odometries write it, is the frame's number.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     rows = parse_rows(path, read_text(path), range(12, 14), what=_COLUMNS)
     width = len(rows.fields[0])
@@ -40,24 +40,20 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     poses = rigid_of_matrices(rows, rows.numbers(slice(-12, None)).reshape(-1, 3, 4))
     times = index_times(len(rows), options)
     if width == 13 and options.rate_hz is not None:
-        times = _frame_numbers(rows) / options.rate_hz
+        numbers = rows.numbers([0])[:, 0]
+        is_whole = (np.abs(numbers) < 1e15) & (numbers == np.trunc(numbers))
+        if not is_whole.all():
+            line = rows.lines[int(np.argmin(is_whole))]
+            raise FormatError(path, "expected a whole frame number in the first of 13", line)
+        times = numbers / options.rate_hz
     return build_trajectory(rows, times, poses, options, is_timed=options.rate_hz is not None)
-
-
-def _frame_numbers(rows: Rows) -> np.ndarray:
-    numbers = rows.numbers([0])[:, 0]
-    is_whole = (np.abs(numbers) < 1e15) & (numbers == np.trunc(numbers))
-    if not is_whole.all():
-        line = rows.lines[int(np.argmin(is_whole))]
-        raise FormatError(rows.path, "expected a whole frame number in the first of 13", line)
-    return numbers
 
 
 def write(path: Path, trajectory: Trajectory) -> None:
     """Write all digits; times and names are lost.
 
     Raises:
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     matrices = trajectory.target_from_source.to_matrix()[:, :3, :]
     write_text(path, format_rows(matrices.reshape(-1, 12).tolist(), " "))

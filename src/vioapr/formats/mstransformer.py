@@ -40,7 +40,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read world_from_cam poses in the natural order of the image paths.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
         ParameterError: The options do not fit the file's sequences.
     """
     rows = read_headed_csv(path, ["scene", "img_path", *_HEADER.split(",")[4:]])
@@ -54,7 +54,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: A name that the format cannot hold.
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     names = writable_names(trajectory, ",")
     scenes = [name.split("/")[0].strip() if "/" in name else "scene" for name in names]

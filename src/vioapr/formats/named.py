@@ -51,7 +51,7 @@ class NamedText:
         """Read world_from_cam poses in the natural order of their names.
 
         Raises:
-            FormatError: Naming file and line.
+            FileError: It cannot be read or is malformed, naming file and line.
             ParameterError: The options do not fit the file's sequences.
         """
         widths = range(8 + self.required_extra, 9 + len(self.extra))
@@ -71,7 +71,7 @@ class NamedText:
 
         Raises:
             ParameterError: A name that the format cannot hold.
-            FormatError: The file cannot be written.
+            UnwritableError: The file cannot be written.
         """
         names = writable_names(trajectory)
         columns = pose_columns(self.convert(trajectory.target_from_source), _WXYZ)
@@ -114,7 +114,7 @@ def build_named(
     *,
     target: str = "world",
 ) -> Trajectory:
-    """A trajectory in the natural order of image names, timed where a rate is given.
+    """Build a trajectory in the natural order of image names, timed where a rate is given.
 
     Args:
         rows: Where each pose came from.
@@ -127,17 +127,26 @@ def build_named(
         FormatError: Duplicate or broken names, or no frame number in one, naming the line.
         ParameterError: No such sequence, or a rate for several sequences at once.
     """
-    _check_names(rows, names)
-    kept = _select_sequence(rows.path, names, options)
+    seen: dict[str, int] = {}
+    for name, line in zip(names, rows.lines, strict=True):
+        if any("\ud800" <= letter <= "\udfff" for letter in name):
+            raise FormatError(rows.path, f"expected an image name in UTF-8, got {name!r}", line)
+        if name in seen:
+            problem = f"expected each image once, got {name!r} again (first in line {seen[name]})"
+            raise FormatError(rows.path, problem, line)
+        seen[name] = line
+    kept = rows_of_sequence(rows.path, names, options)
     kept.sort(key=lambda row: natural_key(names[row]))
     rows, names = rows.at(kept), [names[row] for row in kept]
     times = np.arange(len(kept), dtype=np.float64)
     if options.rate_hz is not None:
-        numbers = [
-            _frame_number(rows.path, name, line)
-            for name, line in zip(names, rows.lines, strict=True)
-        ]
-        times = np.array(numbers, dtype=np.float64) / options.rate_hz
+        for row, (name, line) in enumerate(zip(names, rows.lines, strict=True)):
+            # The last digits of the file name, its ending left out.
+            digits = re.findall(r"[0-9]+", PurePosixPath(name).stem)
+            if not digits or len(digits[-1]) > 15:
+                problem = f"expected a frame number in the image name {name!r}, to make its time of"
+                raise FormatError(rows.path, problem, line)
+            times[row] = int(digits[-1]) / options.rate_hz
     return build_trajectory(
         rows,
         times,
@@ -149,18 +158,17 @@ def build_named(
     )
 
 
-def _check_names(rows: Rows, names: Sequence[str]) -> None:
-    seen: dict[str, int] = {}
-    for name, line in zip(names, rows.lines, strict=True):
-        if any("\ud800" <= letter <= "\udfff" for letter in name):
-            raise FormatError(rows.path, f"expected an image name in UTF-8, got {name!r}", line)
-        if name in seen:
-            problem = f"expected each image once, got {name!r} again (first in line {seen[name]})"
-            raise FormatError(rows.path, problem, line)
-        seen[name] = line
+def rows_of_sequence(path: Path, names: Sequence[str], options: ReadOptions) -> list[int]:
+    """Find the rows of the sequence that the options ask for: of all images, if of none.
 
+    Args:
+        path: For messages.
+        names: An image name for each row; a sequence is the folder part.
+        options: Rate and sequence.
 
-def _select_sequence(path: Path, names: Sequence[str], options: ReadOptions) -> list[int]:
+    Raises:
+        ParameterError: No such sequence, or a rate for several sequences at once.
+    """
     folders = [str(PurePosixPath(name).parent) for name in names]
     available = sorted(set(folders), key=natural_key)
     listed = ", ".join(available[:20]) + (", ..." if len(available) > 20 else "")
@@ -168,7 +176,7 @@ def _select_sequence(path: Path, names: Sequence[str], options: ReadOptions) -> 
         if options.rate_hz is not None and len(available) > 1:
             raise ParameterError(
                 f"{path} holds several sequences, whose times would overlap: "
-                f"choose one with --sequence: {listed}"
+                f"choose one with `sequence`: {listed}"
             )
         return list(range(len(names)))
     wanted = options.sequence.strip("/")
@@ -178,18 +186,8 @@ def _select_sequence(path: Path, names: Sequence[str], options: ReadOptions) -> 
     return kept
 
 
-def _frame_number(path: Path, name: str, line: int) -> int:
-    """The last digits of the file name, its ending left out."""
-    digits = re.findall(r"[0-9]+", PurePosixPath(name).stem)
-    if not digits or len(digits[-1]) > 15:
-        raise FormatError(
-            path, f"expected a frame number in the image name {name!r}, to make its time of", line
-        )
-    return int(digits[-1])
-
-
 def writable_names(trajectory: Trajectory, separator: str = " ", suffix: str = ".png") -> list[str]:
-    """A trajectory's image names, or frame-000000.png and so on where it has none.
+    """List a trajectory's image names, or frame-000000.png and so on where it has none.
 
     Args:
         trajectory: The poses.

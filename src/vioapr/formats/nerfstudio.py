@@ -30,7 +30,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     The world is the file's, which nerfstudio turns and scales: see its `applied_transform`.
 
     Raises:
-        FormatError: Naming file and the frame's number in it.
+        FileError: It cannot be read or is malformed, naming file and the frame's number in it.
         ParameterError: The options do not fit the file's sequences.
     """
     frames = get_list(path, load_object(path, read_text(path)), "frames")
@@ -51,7 +51,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     """Write all digits; intrinsics are left out.
 
     Raises:
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
         ParameterError: Two images have one name.
     """
     names = writable_names(trajectory, "")

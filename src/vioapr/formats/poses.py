@@ -1,4 +1,4 @@
-"""Checked poses and trajectories of the rows of a file."""
+"""Poses and trajectories from the rows of a file, checked so that errors name the line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MATRIX_TOLERANCE = 0.01
 
 
 def poses_of(rows: Rows, position_m: NDArray[np.float64], quat_xyzw: NDArray[np.float64]) -> Rigid3:
-    """The numbers of a file as poses, in whatever convention it has.
+    """Check the numbers of a file and make them poses, in whatever convention it has.
 
     To be called before any conversion, so that messages quote the file's own numbers.
 
@@ -46,7 +46,7 @@ def poses_of(rows: Rows, position_m: NDArray[np.float64], quat_xyzw: NDArray[np.
 
 
 def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
-    """3x4 or 4x4 matrices of a file as poses, in whatever convention it has.
+    """Check 3x4 or 4x4 matrices of a file and make them poses, in whatever convention it has.
 
     Args:
         rows: Where each came from.
@@ -92,7 +92,7 @@ def build_trajectory(
     target: str = "world",
     source: str = "cam",
 ) -> Trajectory:
-    """A trajectory, or a FormatError that names the line of the row that is wrong.
+    """Build a trajectory from the checked poses of a file.
 
     Args:
         rows: Where each pose came from.
@@ -103,8 +103,22 @@ def build_trajectory(
         is_timed: Whether the timestamps are seconds of a clock.
         target: Name of the target frame.
         source: Name of the source frame.
+
+    Raises:
+        FormatError: A time is not later than the one before or is no second, naming the line.
     """
-    kept = _rows_in_order(rows, timestamp_s, options)
+    kept = list(range(len(rows)))
+    if options.skipped is not None:
+        kept, latest_s = [], -math.inf
+        for row, time_s in enumerate(timestamp_s.tolist()):
+            # NaN is kept, for find_problem to report.
+            if time_s <= latest_s:
+                relation = "a duplicate of" if time_s == latest_s else "earlier than"
+                problem = f"timestamp {time_s:.6f} s is {relation} one before ({latest_s:.6f} s)"
+                options.skipped.append(FormatError(rows.path, problem, rows.lines[row]))
+            else:
+                kept.append(row)
+                latest_s = time_s
     rows, timestamp_s = rows.at(kept), timestamp_s[kept]
     poses = target_from_source.at(kept)
     names = None if names is None else [names[i] for i in kept]
@@ -132,23 +146,6 @@ def _raise_problem(rows: Rows, problem: tuple[int | None, str] | None) -> None:
         raise FormatError(rows.path, what, None if row is None else rows.lines[row])
 
 
-def _rows_in_order(rows: Rows, timestamp_s: NDArray[np.float64], options: ReadOptions) -> list[int]:
-    """All rows, or where `options` says so, those later than all before them."""
-    if options.skipped is None:
-        return list(range(len(rows)))
-    kept, latest = [], -math.inf
-    for row, time in enumerate(timestamp_s.tolist()):
-        # NaN is kept, for find_problem to report.
-        if time <= latest:
-            relation = "a duplicate of" if time == latest else "earlier than"
-            problem = f"timestamp {time:.6f} s is {relation} one before ({latest:.6f} s)"
-            options.skipped.append(FormatError(rows.path, problem, rows.lines[row]))
-        else:
-            kept.append(row)
-            latest = time
-    return kept
-
-
 def index_times(count: int, options: ReadOptions) -> NDArray[np.float64]:
     """Times of rows without clock or names: the index, or seconds if a rate is given."""
     return np.arange(count) / (options.rate_hz or 1.0)
@@ -163,7 +160,7 @@ def require_times(trajectory: Trajectory, title: str) -> None:
     if not trajectory.is_timed:
         raise ParameterError(
             f"{title} needs timestamps, and the trajectory has none: give the rate of its frames "
-            "(--rate-hz)"
+            "(`rate_hz`)"
         )
 
 

@@ -19,10 +19,11 @@ from vioapr.errors import AssociationError
 from vioapr.formats import conventions
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.vectors import angle_between_deg
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
 
-MIN_PAIRS = 8
-"""Fewer common frames do not tell readings apart."""
+MIN_COMMON_FRAMES = 8
+"""Fewer frames do not tell readings apart, nor which way is up."""
 
 _SPAN_S = 3.0
 _SPAN_FRAMES = 10
@@ -79,10 +80,6 @@ def _mirror(axis: int, *, with_rotations: bool) -> Callable[[Rigid3], Rigid3]:
     return lambda poses: Rigid3(poses.translation_m * positions, poses.quat_xyzw * quats)
 
 
-def _inverted_arcam(poses: Rigid3) -> Rigid3:
-    return conventions.world_from_arcam(conventions.centre_and_cam_from_world(poses))
-
-
 AS_READ = Reading("as read", conventions.world_from_cam)
 INVERTED_ROTATION = Reading(
     "rotations inverted (cam_from_world beside a position in the world)",
@@ -97,7 +94,10 @@ READINGS = (
     INVERTED_ROTATION,
     Reading("poses inverted (cam_from_world)", conventions.cam_from_world),
     Reading("OpenGL camera axes (y up, looking along -z)", conventions.world_from_arcam),
-    Reading("rotations inverted and OpenGL camera axes", _inverted_arcam),
+    Reading(
+        "rotations inverted and OpenGL camera axes",
+        lambda poses: conventions.world_from_arcam(conventions.centre_and_cam_from_world(poses)),
+    ),
     *QUATERNION_ORDERS,
     *(
         Reading(
@@ -115,7 +115,7 @@ READINGS = (
 def fit_readings(
     suspect: Trajectory, reference: Trajectory, tolerance_s: float = DEFAULT_TOLERANCE_S
 ) -> list[Fit]:
-    """How well each reading of a track fits another of the same walk, the best first.
+    """Fit each reading of a track to another of the same walk, and sort them, the best first.
 
     Args:
         suspect: The track whose convention is in question.
@@ -123,19 +123,26 @@ def fit_readings(
         tolerance_s: Largest difference of paired timestamps, s.
 
     Raises:
-        AssociationError: They have fewer than `MIN_PAIRS` frames in common.
+        AssociationError: They have fewer than `MIN_COMMON_FRAMES` frames in common.
     """
     pairs = associate(suspect, reference, tolerance_s)
-    if len(pairs) <= MIN_PAIRS:
+    if len(pairs) <= MIN_COMMON_FRAMES:
         raise AssociationError(
-            f"expected more than {MIN_PAIRS} common frames to compare conventions with, "
+            f"expected more than {MIN_COMMON_FRAMES} common frames to compare conventions with, "
             f"got {len(pairs)}"
         )
     suspect, reference = suspect.at_rows(pairs.left_rows), reference.at_rows(pairs.right_rows)
-    span = _span(reference)
+    # Rows between the frames compared: long enough to move, short enough not to drift.
+    step_s = float(np.median(np.diff(reference.timestamp_s)))
+    wanted = round(_SPAN_S / step_s) if reference.is_timed else _SPAN_FRAMES
+    span = int(np.clip(wanted, 1, len(reference) // 2))
     expected = _relative(reference.target_from_source, span)
-    poses = suspect.target_from_source
-    fits = [_fit(reading, _relative(reading.change(poses), span), expected) for reading in READINGS]
+    fits: list[Fit] = []
+    for reading in READINGS:
+        relative = _relative(reading.change(suspect.target_from_source), span)
+        rotation_deg = float(np.median(rigid.angle_deg(relative, expected)))
+        direction_deg = median_direction_deg(relative.translation_m, expected.translation_m)
+        fits.append(Fit(reading.title, rotation_deg, direction_deg))
     # Of readings that fit about as well, as positions mirrored in a flat world, the present one.
     return sorted(fits, key=lambda fit: fit.score_deg * (_PRESENT if _is_present(fit) else 1))
 
@@ -145,7 +152,7 @@ def _is_present(fit: Fit) -> bool:
 
 
 def find_better_reading(fits: list[Fit]) -> Fit | None:
-    """The best fit if the reading as it is fits badly and another clearly better."""
+    """Pick the best fit, if the track as read fits badly and another reading clearly better."""
     as_read = next(fit for fit in fits if _is_present(fit))
     is_wrong = as_read.score_deg > _CLEARLY_WRONG_DEG
     return fits[0] if is_wrong and fits[0].score_deg < _CLEARLY_BETTER * as_read.score_deg else None
@@ -163,36 +170,30 @@ def fits_better_inverted(apr: Trajectory, vio: Trajectory) -> bool:
     return rotation_deg[INVERTED_ROTATION.title] < rotation_deg[AS_READ.title]
 
 
-def _span(trajectory: Trajectory) -> int:
-    """Rows between the frames compared: long enough to move, short enough not to drift."""
-    count = len(trajectory)
-    step_s = float(np.median(np.diff(trajectory.timestamp_s)))
-    wanted = round(_SPAN_S / step_s) if trajectory.is_timed else _SPAN_FRAMES
-    return int(np.clip(wanted, 1, count // 2))
-
-
 def _relative(world_from_cam: Rigid3, span: int) -> Rigid3:
     earlier, later = world_from_cam.at(slice(None, -span)), world_from_cam.at(slice(span, None))
     return earlier.inverse() @ later
 
 
-def _fit(reading: Reading, relative: Rigid3, expected: Rigid3) -> Fit:
-    rotation_deg = float(np.median(rigid.angle_deg(relative, expected)))
-    return Fit(reading.title, rotation_deg, _median_direction_deg(relative, expected))
+def median_direction_deg(left_m: NDArray[np.float64], right_m: NDArray[np.float64]) -> float:
+    """The median angle between two series of motions in one frame.
 
+    Args:
+        left_m: Shape (n, 3), m.
+        right_m: Shape (n, 3), m.
 
-def _median_direction_deg(relative: Rigid3, expected: Rigid3) -> float:
-    left, right = relative.translation_m, expected.translation_m
-    lengths = np.linalg.norm(left, axis=-1), np.linalg.norm(right, axis=-1)
-    moves = np.minimum(*lengths) > _LEAST_MOTION_M
-    if moves.sum() < MIN_PAIRS:
+    Returns:
+        Degrees, over the rows where both move; NaN where too few do.
+    """
+    lengths_m = np.linalg.norm(left_m, axis=-1), np.linalg.norm(right_m, axis=-1)
+    moves = np.minimum(*lengths_m) > _LEAST_MOTION_M
+    if moves.sum() < MIN_COMMON_FRAMES:
         return float("nan")
-    cosines = (left * right).sum(axis=-1)[moves] / (lengths[0] * lengths[1])[moves]
-    return float(np.degrees(np.median(np.arccos(np.clip(cosines, -1, 1)))))
+    return float(np.median(angle_between_deg(left_m[moves], right_m[moves])))
 
 
 def up_of(quat_xyzw: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, bool]:
-    """Where a hand-held camera's world has its up, judged by the camera alone.
+    """Find where a hand-held camera's world has its up, by the camera alone.
 
     People hold cameras level, so of the camera's axes across its view, one stays near the
     vertical: -y for a picture held upright, -x for a phone in portrait, whose sensor lies on
@@ -211,7 +212,7 @@ def up_of(quat_xyzw: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, b
         mean = ups.mean(axis=0)
         length = float(np.linalg.norm(mean))
         mean = mean / length if length > 1e-9 else axis
-        spread_deg = float(np.degrees(np.median(np.arccos(np.clip(ups @ mean, -1, 1)))))
+        spread_deg = float(np.median(angle_between_deg(ups, mean)))
         # Portrait must be clearly better: a camera that hardly turns is level either way.
         if spread_deg < best[1] * (0.7 if is_portrait else 1.0):
             best = (mean, spread_deg, is_portrait)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.tables import Rows
@@ -45,7 +44,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read vio_from_cam poses, timed by `frameTimestamps`, else `fps`, else a given rate.
 
     Raises:
-        FormatError: Naming file and the frame's number in it.
+        FileError: It cannot be read or is malformed, naming file and the frame's number in it.
     """
     metadata = load_object(path, read_metadata(path))
     entries = get_list(path, metadata, "poses")
@@ -54,7 +53,15 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     )
     rows = Rows.numbered(path, len(entries))
     poses = conventions.world_from_arcam(poses_of(rows, values[:, 4:7], values[:, :4]))
-    times = _find_times(path, metadata, len(rows))
+    stamps = metadata.get("frameTimestamps")
+    times = None
+    if isinstance(stamps, list) and len(stamps) == len(rows):
+        times = as_numbers(path, stamps, (len(rows),), '"frameTimestamps"', 1)
+    elif "fps" in metadata:
+        fps = float(as_numbers(path, metadata["fps"], (), '"fps"', 1))
+        if not 1e-6 < fps < 1e6:
+            raise FormatError(path, f'expected "fps" above 0, got {fps:.6g}')
+        times = np.arange(len(rows)) / fps
     is_timed = times is not None or options.rate_hz is not None
     times = index_times(len(rows), options) if times is None else times
     return build_trajectory(rows, times, poses, options, is_timed=is_timed, target="vio")
@@ -80,23 +87,11 @@ def read_metadata(path: Path) -> str:
         raise FormatError(path, f"broken zip content: {error}") from None
 
 
-def _find_times(path: Path, metadata: dict[str, Any], count: int) -> NDArray[np.float64] | None:
-    stamps = metadata.get("frameTimestamps")
-    if isinstance(stamps, list) and len(stamps) == count:
-        return as_numbers(path, stamps, (count,), '"frameTimestamps"', 1)
-    if "fps" not in metadata:
-        return None
-    fps = float(as_numbers(path, metadata["fps"], (), '"fps"', 1))
-    if not 1e-6 < fps < 1e6:
-        raise FormatError(path, f'expected "fps" above 0, got {fps:.6g}')
-    return np.arange(count) / fps
-
-
 def write(path: Path, trajectory: Trajectory) -> None:
     """Write all digits, as JSON or, under a name ending in .r3d, zipped.
 
     Raises:
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     columns = pose_columns(conventions.world_from_arcam(trajectory.target_from_source))
     metadata: dict[str, Any] = {"poses": [row[3:] + row[:3] for row in columns]}

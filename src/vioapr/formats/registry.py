@@ -56,7 +56,7 @@ FORMATS: dict[str, Format] = {format_.name: format_ for format_ in _ALL}
 
 
 def get_format(name: str) -> Format:
-    """The format of a name.
+    """Find the format of a name.
 
     Raises:
         ParameterError: There is none; the message lists them.
@@ -67,44 +67,40 @@ def get_format(name: str) -> Format:
 
 
 def rank_formats(path: Path) -> list[tuple[Format, float]]:
-    """Formats that a file may be, likeliest first, each with a confidence of 0 to 1.
+    """Rank the formats that a file may be, likeliest first, each with a confidence of 0 to 1.
 
     Raises:
-        FormatError: It cannot be read at all, or is empty.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is empty.
     """
     if is_folder(path):
         return _rank(path, b"")
     head = read_bytes(path, HEAD_BYTES)
     if not head.strip():
         raise FormatError(path, "expected a trajectory, got an empty file")
-    return _rank(path, head) or _rank_by_rows(path, head) or _rank_by_name(path, head)
-
-
-def _rank(path: Path, head: bytes) -> list[tuple[Format, float]]:
-    ranked = [(format_, format_.sniff(path, head)) for format_ in FORMATS.values()]
-    return sorted((r for r in ranked if r[1] > 0), key=lambda r: -r[1])
-
-
-def _rank_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
-    """Formats that most of the first rows fit: its reader can then say which row is wrong."""
+    if ranked := _rank(path, head):
+        return ranked
+    # Formats that most of the first rows fit: their readers can then say which row is wrong.
     rows = [row for row in head.splitlines() if row.strip() and not row.startswith(b"#")][:20]
     votes: dict[str, float] = {}
     for row in rows:
         for format_, confidence in _rank(path, row + b"\n"):
             votes[format_.name] = votes.get(format_.name, 0.0) + confidence / len(rows)
     ranked = [(FORMATS[name], share / 2) for name, share in votes.items() if share > 0.3]
-    return sorted(ranked, key=lambda r: -r[1])
-
-
-def _rank_by_name(path: Path, head: bytes) -> list[tuple[Format, float]]:
-    """The format that the name promises, for text that looks like none."""
-    if b"\0" in head:
-        return []
+    if ranked or b"\0" in head:
+        return sorted(ranked, key=lambda r: -r[1])
+    # The format that the name promises, for text that looks like none.
     return [
         (format_, 0.1)
         for format_ in FORMATS.values()
         if any(has_suffix(path, suffix) for suffix in format_.default_for)
     ]
+
+
+def _rank(path: Path, head: bytes) -> list[tuple[Format, float]]:
+    ranked = [(format_, format_.sniff(path, head)) for format_ in FORMATS.values()]
+    return sorted((r for r in ranked if r[1] > 0), key=lambda r: -r[1])
 
 
 def read_trajectory(
@@ -113,7 +109,9 @@ def read_trajectory(
     """Read a trajectory of a given format, or of the likeliest one.
 
     Raises:
-        FormatError: It cannot be read, or its format is not recognized.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is malformed, or its format is not recognized.
         ParameterError: There is no format of that name.
     """
     format_ = recognize(path) if format_name is None else get_format(format_name)
@@ -133,7 +131,7 @@ def write_trajectory(path: Path, trajectory: Trajectory, format_name: str | None
 
 
 def format_of_name(path: Path, parameter: str = "format_name") -> Format:
-    """The format that a file's name means: a whole name before an ending.
+    """Find the format that a file's name means: a whole name before an ending.
 
     Args:
         path: The file or folder to write.
@@ -156,21 +154,20 @@ def format_of_name(path: Path, parameter: str = "format_name") -> Format:
 
 
 def recognize(path: Path) -> Format:
-    """The format that a file most likely has.
+    """Find the format that a file most likely has.
 
     Raises:
-        FormatError: It cannot be read, or looks like none.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It looks like none.
     """
-    ranked = rank_formats(path)
-    if not ranked:
-        raise FormatError(path, _explain_stranger(path))
-    return ranked[0][0]
-
-
-def _explain_stranger(path: Path) -> str:
+    if ranked := rank_formats(path):
+        return ranked[0][0]
     if is_folder(path):
         found = "a folder that is of no format"
     else:
         is_binary = b"\0" in read_bytes(path, HEAD_BYTES)
         found = "binary content" if is_binary else "text of no known format"
-    return f"expected a trajectory, got {found}; vioapr knows {', '.join(FORMATS)}"
+    raise FormatError(
+        path, f"expected a trajectory, got {found}; vioapr knows {', '.join(FORMATS)}"
+    )

@@ -29,7 +29,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read vio_from_cam poses of all rows, whatever their tracking status.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     rows = parse_rows(path, read_text(path), range(15, 16), what=_COLUMNS, delimiter=",")
     return build_timed(
@@ -46,7 +46,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: The trajectory has no timestamps.
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     require_times(trajectory, "a ScanCapture file")
     ticks = to_ticks(trajectory.timestamp_s, _MICROSECONDS)

@@ -44,7 +44,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     sequence (seq-01).
 
     Raises:
-        FormatError: Naming the pose file and line.
+        FileError: It cannot be read or is malformed, naming the pose file and line.
         ParameterError: The options do not fit the sequences.
     """
     files = _find_poses(path)
@@ -53,23 +53,21 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         if not path.exists():
             raise FileMissingError(path, f"{wanted}, found nothing of this name")
         raise FormatError(path, f"{wanted}, found none")
-    matrices = np.array([_read_matrix(file) for file in files])
+    matrices: list[NDArray[np.float64]] = []
+    for file in files:
+        table = parse_rows(file, read_text(file), range(4, 5), what="a row of a 4x4 matrix")
+        if len(table) != 4:
+            raise FormatError(file, f"expected a 4x4 matrix, got {len(table)} rows")
+        matrix = table.numbers(slice(0, 4))
+        rigid_of_matrices(Rows.numbered(file, 1), matrix[None])  # an error names this file
+        matrices.append(matrix)
     prefix = f"{path.name}/" if re.fullmatch(r"seq-?\d+", path.name) else ""
     names = [
         prefix + file.relative_to(path).as_posix().removesuffix(_POSE_SUFFIX) + _IMAGE_SUFFIX
         for file in files
     ]
     rows = Rows.numbered(path, len(names))
-    return build_named(rows, names, rigid_of_matrices(rows, matrices), options)
-
-
-def _read_matrix(path: Path) -> NDArray[np.float64]:
-    rows = parse_rows(path, read_text(path), range(4, 5), what="a row of a 4x4 matrix")
-    if len(rows) != 4:
-        raise FormatError(path, f"expected a 4x4 matrix, got {len(rows)} rows")
-    matrix = rows.numbers(slice(0, 4))
-    rigid_of_matrices(Rows.numbered(path, 1), matrix[None])
-    return matrix
+    return build_named(rows, names, rigid_of_matrices(rows, np.array(matrices)), options)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:
@@ -78,7 +76,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     Names other than FOLDER/NAME.color.png are lost: frames are numbered instead.
 
     Raises:
-        FormatError: A file cannot be written.
+        UnwritableError: A file cannot be written.
         ParameterError: Image names that lead out of the folder, or are the same.
     """
     names = writable_names(trajectory, "", _IMAGE_SUFFIX)
@@ -104,4 +102,5 @@ FORMAT = Format(
     read=read,
     write=write,
     has_names=True,
+    name_suffix=_IMAGE_SUFFIX,
 )

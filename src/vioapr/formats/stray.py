@@ -31,7 +31,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read vio_from_cam poses, timed in seconds; further columns are passed over.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     rows = read_headed_csv(path, ("timestamp", *POSE_COLUMNS))
     return build_timed(rows, options, conventions.world_from_cam, pose=slice(1, 8))
@@ -42,7 +42,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: The trajectory has no timestamps.
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     require_times(trajectory, "a Stray Scanner file")
     columns = pose_columns(trajectory.target_from_source)

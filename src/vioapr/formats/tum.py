@@ -24,7 +24,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read world_from_cam poses; timestamps are in seconds.
 
     Raises:
-        FormatError: Naming file and line.
+        FileError: It cannot be read or is malformed, naming file and line.
     """
     rows, values = parse_numbers(path, read_text(path), range(8, 9), what=_COLUMNS)
     poses = poses_of(rows, values[:, 1:4], values[:, 4:8])
@@ -36,7 +36,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         ParameterError: The trajectory has no timestamps.
-        FormatError: The file cannot be written.
+        UnwritableError: The file cannot be written.
     """
     require_times(trajectory, "a TUM file")
     columns = pose_columns(trajectory.target_from_source)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from vioapr.errors import ParameterError
-from vioapr.formats.sigma import Sigmas
+from vioapr.formats.stated_sigmas import Sigmas
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import FusedWalk, View, fuse_walk
 from vioapr.fusion.pairing import pair_frames

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.formats.anomalies import MAX_SPEED_M_S, find_defects
-from vioapr.formats.readings import MIN_PAIRS, up_of
+from vioapr.formats.anomalies import MAX_SPEED_M_S, find_anomalies
+from vioapr.formats.readings import MIN_COMMON_FRAMES, up_of
 from vioapr.geometry import quaternion
 from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
@@ -31,7 +31,7 @@ def judge(walk: Walk) -> None:
     """
     _judge_counts(walk)
     rows = np.flatnonzero(walk.tracking != Tracking.LOST)
-    if not walk.info.tracker or len(rows) < MIN_PAIRS:
+    if not walk.info.tracker or len(rows) < MIN_COMMON_FRAMES:
         return
     _judge_gravity(walk, walk.vio_from_cam.quat_xyzw[rows])
     _judge_accelerometer(walk, rows)
@@ -128,7 +128,7 @@ def _judge_defects(walk: Walk, rows: NDArray[np.intp]) -> None:
     poses = walk.vio_from_cam.at(rows)
     is_timed = walk.info.clock == "device"
     track = Trajectory(walk.timestamp_s[rows], *poses, is_timed=is_timed, target="vio")
-    for text in find_defects(track):
+    for text in find_anomalies(track):
         walk.warn(text)
 
 

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.formats.sigma import Sigmas
+from vioapr.formats.stated_sigmas import Sigmas
 from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.cache import read_images
 from vioapr.regression.checkpoint import LoadedRegressor, load

@@ -6,7 +6,7 @@ A walk is a folder of its own, or, without predictions, files with a common begi
     <set>/<walk>_gt.*  <walk>_<name>.*
 
 Every trajectory is of any format that `formats.registry` knows, gzipped or not. The tables
-`apr_<name>.sigma.csv` hold what a regressor states of its errors; see `formats.sigma`.
+`apr_<name>.sigma.csv` hold what a regressor states of its errors; see `formats.stated_sigmas`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from vioapr.errors import FileMissingError, FormatError, ParameterError, UnwritableError
 from vioapr.files.text import natural_key
-from vioapr.formats import sigma, tum
+from vioapr.formats import stated_sigmas, tum
 from vioapr.scene.scene import Scene
 from vioapr.trajectory import Trajectory
 
@@ -94,7 +94,7 @@ def walks_at(path: Path) -> Iterator[WalkFiles]:
 
 def is_sidecar(path: Path) -> bool:
     """Whether a file accompanies a trajectory, e.g. a table of its uncertainties."""
-    return path.name.removesuffix(".gz").endswith((sigma.SUFFIX, ".json"))
+    return path.name.removesuffix(".gz").endswith((stated_sigmas.SUFFIX, ".json"))
 
 
 def _walks_in(folder: Path) -> Iterator[WalkFiles]:
@@ -139,7 +139,7 @@ def write_walk(
     gt: Trajectory | None = None,
     vios: Mapping[str, Trajectory] | None = None,
     aprs: Mapping[str, Trajectory] | None = None,
-    apr_sigmas: Mapping[str, sigma.Sigmas] | None = None,
+    apr_sigmas: Mapping[str, stated_sigmas.Sigmas] | None = None,
 ) -> None:
     """Write files of a walk into its folder; files that are there already stay, or are replaced.
 
@@ -165,7 +165,7 @@ def write_walk(
         path = folder / f"{APR_PREFIX}{name}.tum"
         tum.write(path, apr)
         if apr_sigmas is not None and name in apr_sigmas:
-            sigma.write_sigmas_beside(path, apr, apr_sigmas[name])
+            stated_sigmas.write_sigmas_beside(path, apr, apr_sigmas[name])
 
 
 def write_walk_of_recording(folder: Path, scene: Scene, id_: str) -> bool:

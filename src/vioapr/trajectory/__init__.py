@@ -1,15 +1,14 @@
 """Trajectories: timed poses of one device, their association and their interpolation."""
 
-from vioapr.trajectory.trajectory import (
+from vioapr.trajectory.association import (
     DEFAULT_TOLERANCE_S,
-    UNIT_TOLERANCE,
     Association,
-    Trajectory,
     associate,
-    find_problem,
+    associate_frames,
     nearest_rows,
     poses_of_frames,
 )
+from vioapr.trajectory.trajectory import UNIT_TOLERANCE, Trajectory, find_problem
 
 __all__ = [
     "DEFAULT_TOLERANCE_S",
@@ -17,6 +16,7 @@ __all__ = [
     "Association",
     "Trajectory",
     "associate",
+    "associate_frames",
     "find_problem",
     "nearest_rows",
     "poses_of_frames",

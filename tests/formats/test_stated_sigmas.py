@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vioapr.errors import FormatError
-from vioapr.formats.sigma import path_beside, read_sigmas
+from vioapr.formats.stated_sigmas import path_beside, read_sigmas
 from vioapr.trajectory import Trajectory
 
 HEADER = "timestamp_s,sigma_position_m,sigma_orientation_deg\n"

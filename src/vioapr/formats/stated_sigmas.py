@@ -1,4 +1,4 @@
-"""What a regressor states of its own errors: a table beside its predictions.
+"""Standard deviations that a regressor states of its errors: a table beside its predictions.
 
 `apr_<name>.sigma.csv` beside `apr_<name>.tum`, with the header
 `timestamp_s,sigma_position_m,sigma_orientation_deg`: standard deviations per axis. nan says that
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.files.tables import Rows, read_headed_csv
+from vioapr.files.tables import read_headed_csv
 from vioapr.files.text import write_text
 from vioapr.trajectory import Trajectory, nearest_rows
 
@@ -38,7 +38,7 @@ class Sigmas(NamedTuple):
 
 
 def path_beside(trajectory: Path) -> Path | None:
-    """The table that accompanies a file of predictions, if there is one."""
+    """Find the table that accompanies a file of predictions, if there is one."""
     stem = trajectory.name.removesuffix(".gz").rsplit(".", 1)[0]
     tables = (trajectory.with_name(stem + SUFFIX + end) for end in ("", ".gz"))
     return next((path for path in tables if path.is_file()), None)
@@ -59,15 +59,31 @@ def read_sigmas(path: Path, predictions: Trajectory) -> Sigmas:
     if not predictions.is_timed:
         raise FormatError(path, "expected predictions with timestamps, got names only")
     values = rows.numbers(slice(0, 3))
-    _check_sigmas(rows, values[:, 1:])
-    nearest = _match(rows, values[:, 0], predictions.timestamp_s)
+    timestamp_s, sigmas = values[:, 0], values[:, 1:]
+    wrong = (sigmas < 0) | np.isinf(sigmas)
+    for row, column in np.argwhere(wrong)[:1]:
+        got = f"expected a {COLUMNS[1 + column]} of at least 0, or nan, got {sigmas[row, column]}"
+        raise FormatError(path, got, rows.lines[row])
+    for row in np.flatnonzero(~np.isfinite(timestamp_s))[:1]:
+        problem = f"expected a finite timestamp_s, got {timestamp_s[row]}"
+        raise FormatError(path, problem, rows.lines[row])
+    nearest = nearest_rows(timestamp_s, predictions.timestamp_s)
+    gaps = np.abs(predictions.timestamp_s[nearest] - timestamp_s)
+    for row in np.flatnonzero(gaps > _SAME_TIME_S)[:1]:
+        problem = f"expected the time of a prediction, got {timestamp_s[row]:.6f} s"
+        nearest_is = f"the nearest one is at {predictions.timestamp_s[nearest[row]]:.6f} s"
+        raise FormatError(path, f"{problem}: {nearest_is}", rows.lines[row])
+    first = np.unique(nearest, return_index=True)[1]
+    for row in np.setdiff1d(np.arange(len(nearest)), first)[:1]:
+        problem = f"expected one row a prediction, got {timestamp_s[row]:.6f} s again"
+        raise FormatError(path, problem, rows.lines[row])
     ordered = np.full((2, len(predictions)), np.nan)
-    ordered[:, nearest] = values[:, 1:].T
+    ordered[:, nearest] = sigmas.T
     return Sigmas(*ordered)
 
 
 def read_sigmas_beside(path: Path, predictions: Trajectory) -> Sigmas | None:
-    """As `read_sigmas`, of the table that accompanies a file of predictions, if there is one."""
+    """Read the table that accompanies a file of predictions, if there is one; see `read_sigmas`."""
     table = path_beside(path)
     return None if table is None else read_sigmas(table, predictions)
 
@@ -76,35 +92,8 @@ def write_sigmas_beside(path: Path, predictions: Trajectory, sigmas: Sigmas) -> 
     """Write the table that accompanies a file of predictions.
 
     Raises:
-        FormatError: It cannot be written.
+        UnwritableError: It cannot be written.
     """
     columns = zip(predictions.timestamp_s, *sigmas, strict=True)
     rows = [f"{time_s:.6f},{m:.6g},{deg:.6g}" for time_s, m, deg in columns]
     write_text(path.with_suffix(SUFFIX), "\n".join([",".join(COLUMNS), *rows]) + "\n")
-
-
-def _check_sigmas(rows: Rows, sigmas: NDArray[np.float64]) -> None:
-    wrong = (sigmas < 0) | np.isinf(sigmas)
-    for row, column in np.argwhere(wrong)[:1]:
-        got = f"expected a {COLUMNS[1 + column]} of at least 0, or nan, got {sigmas[row, column]}"
-        raise FormatError(rows.path, got, rows.lines[row])
-
-
-def _match(
-    rows: Rows, timestamp_s: NDArray[np.float64], predictions_s: NDArray[np.float64]
-) -> NDArray[np.intp]:
-    """The prediction of every row, shape (n,)."""
-    for row in np.flatnonzero(~np.isfinite(timestamp_s))[:1]:
-        problem = f"expected a finite timestamp_s, got {timestamp_s[row]}"
-        raise FormatError(rows.path, problem, rows.lines[row])
-    nearest = nearest_rows(timestamp_s, predictions_s)
-    gaps = np.abs(predictions_s[nearest] - timestamp_s)
-    for row in np.flatnonzero(gaps > _SAME_TIME_S)[:1]:
-        problem = f"expected the time of a prediction, got {timestamp_s[row]:.6f} s"
-        nearest_is = f"the nearest one is at {predictions_s[nearest[row]]:.6f} s"
-        raise FormatError(rows.path, f"{problem}: {nearest_is}", rows.lines[row])
-    first = np.unique(nearest, return_index=True)[1]
-    for row in np.setdiff1d(np.arange(len(nearest)), first)[:1]:
-        problem = f"expected one row a prediction, got {timestamp_s[row]:.6f} s again"
-        raise FormatError(rows.path, problem, rows.lines[row])
-    return nearest
