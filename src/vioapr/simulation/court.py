@@ -65,7 +65,7 @@ def walk_court(rng: np.random.Generator, drift_deg: float = 3.0, jump_m: float =
         drift_deg: How much the second tracker's heading has turned away by its last image.
         jump_m: How far the second tracker jumps, half way round.
     """
-    timestamp_s = np.tile(np.arange(COUNT) * 1.0, 2)
+    timestamp_s = np.tile(np.arange(COUNT, dtype=np.float64), 2)
     walk = np.repeat([0, 1], COUNT)
     heading = np.deg2rad(90 + 360 / COUNT * timestamp_s)
     pitch = np.deg2rad(rng.uniform(-10, 10, 2 * COUNT))

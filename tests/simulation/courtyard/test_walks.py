@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from vioapr.geometry import quaternion
+from vioapr.simulation.courtyard.ground import LAWNS_M
+from vioapr.simulation.courtyard.layout import LAMP_PLACES_M
 from vioapr.simulation.courtyard.walks import (
     ENTRANCE_M,
     GRAVITY_M_S2,
@@ -10,7 +12,6 @@ from vioapr.simulation.courtyard.walks import (
     closed_route,
     walk,
 )
-from vioapr.simulation.courtyard.world import LAMP_PLACES_M, LAWNS_M
 
 
 @pytest.fixture(scope="module")

@@ -28,8 +28,8 @@ def bake_light(world: World, depth_map: DepthMap) -> dict[str, Mesh]:
 
     Args:
         world: Its meshes have no light yet.
-        depth_map: Depths, 0 to 1, as seen along a parallel projection (4x4) in a square
-            picture of so many pixels.
+        depth_map: Draws depths, 0 to 1, as seen along a parallel projection (4x4) in a square
+            picture whose side has a number of pixels.
     """
     names = list(world.meshes)
     meshes = [world.meshes[name] for name in names]
@@ -38,8 +38,19 @@ def bake_light(world: World, depth_map: DepthMap) -> dict[str, Mesh]:
     is_leaf = np.concatenate(
         [np.full(len(world.meshes[name]), world.materials[name].is_cutout) for name in names]
     )
-    sky = _sky_shares(position, normal, is_leaf, depth_map)
-    lamp = _lamp_light(position, normal, world.lamps_m)
+    sky, directions = np.zeros(len(position)), sky_directions()
+    start = position + _OFFSET_M * normal
+    for direction in directions:
+        matrix = sun_clip_from_world(direction, _RADIUS_M)
+        depths = depth_map(matrix, _DEPTH_MAP_PX)
+        clip = start @ matrix[:3, :3].T
+        pixel = ((clip[:, :2] * 0.5 + 0.5) * _DEPTH_MAP_PX).astype(int)
+        pixel = pixel.clip(0, _DEPTH_MAP_PX - 1)
+        is_open = clip[:, 2] * 0.5 + 0.5 <= depths[pixel[:, 1], pixel[:, 0]] + 0.0012
+        # Leaves scatter light from every side.
+        sky += is_open * np.where(is_leaf, 0.45, np.maximum(normal @ direction, 0))
+    sky /= directions[:, 2].sum()  # level ground in the open has 1
+    lamp = lamp_light(position, normal, world.lamps_m)
     starts = np.cumsum([0, *(len(mesh) for mesh in meshes)])
     return {
         name: replace(
@@ -60,30 +71,20 @@ def sky_directions(count: int = _DIRECTIONS) -> NDArray[np.float64]:
     return np.stack([level * np.cos(angle), level * np.sin(angle), up], axis=-1)
 
 
-def _sky_shares(
-    position: NDArray, normal: NDArray, is_leaf: NDArray, depth_map: DepthMap
-) -> NDArray[np.float64]:
-    """Light from an even sky, relative to level ground in the open, (n,)."""
-    start = position + _OFFSET_M * normal
-    total = np.zeros(len(position))
-    for direction in sky_directions():
-        matrix = sun_clip_from_world(direction, _RADIUS_M)
-        depths = depth_map(matrix, _DEPTH_MAP_PX)
-        clip = start @ matrix[:3, :3].T
-        pixel = ((clip[:, :2] * 0.5 + 0.5) * _DEPTH_MAP_PX).astype(int)
-        pixel = pixel.clip(0, _DEPTH_MAP_PX - 1)
-        is_open = clip[:, 2] * 0.5 + 0.5 <= depths[pixel[:, 1], pixel[:, 0]] + 0.0012
-        slant = np.maximum(normal @ direction, 0)
-        # Leaves scatter light from every side.
-        total += is_open * np.where(is_leaf, 0.45, slant)
-    return total / sky_directions()[:, 2].sum()
+def lamp_light(position_m: NDArray, normal: NDArray, lamps_m: NDArray) -> NDArray[np.float64]:
+    """Light of all lamps by distance and slant; nothing throws a shadow.
 
+    Args:
+        position_m: Of points on surfaces, shape (n, 3).
+        normal: Unit, shape (n, 3).
+        lamps_m: Shape (k, 3).
 
-def _lamp_light(position: NDArray, normal: NDArray, lamps_m: NDArray) -> NDArray[np.float64]:
-    """Light of all lamps by distance and slant, (n,)."""
-    total = np.zeros(len(position))
+    Returns:
+        Shape (n,).
+    """
+    total = np.zeros(len(position_m))
     for lamp in lamps_m:
-        to_lamp = lamp - position
+        to_lamp = lamp - position_m
         distance = np.linalg.norm(to_lamp, axis=1)
         slant = np.clip((normal * to_lamp).sum(axis=1) / distance, 0.05, 1)
         total += 4.5 * slant / (distance**2 + 1.0)

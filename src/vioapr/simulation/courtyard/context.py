@@ -17,7 +17,7 @@ class RenderingError(VioAprError):
 
 
 def create_context() -> moderngl.Context:
-    """A context of its own.
+    """Open a context of its own.
 
     Raises:
         MissingExtraError: moderngl is not installed.
@@ -32,16 +32,13 @@ def create_context() -> moderngl.Context:
         options: dict[str, Any] = {"standalone": True, "backend": "egl", "require": 330}
         return moderngl.create_context(**options)
     except Exception as error:  # glcontext raises plain Exception
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RenderingError(
-            f"cannot render: OpenGL on EGL is not available ({_first_line(error)}); on Debian or "
+            f"cannot render: OpenGL on EGL is not available ({reason}); on Debian or "
             f"Ubuntu: apt-get install {' '.join(DEBIAN_PACKAGES)}"
         ) from None
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
-
-
 def describe(context: Any) -> str:
-    """What renders, e.g. "llvmpipe (LLVM 15.0.6, 256 bits)"."""
+    """The name of the renderer, e.g. "llvmpipe (LLVM 15.0.6, 256 bits)"."""
     return str(context.info["GL_RENDERER"])

@@ -34,17 +34,16 @@ class Drawable:
     def array(self, program: Any) -> Any:
         """Its vertices as the input of a program."""
         if program not in self._arrays:
-            self._arrays[program] = self._make_array(program)
+            # Drivers leave out of a program what it does not use: such attributes are skipped.
+            names = {name: "uv" if name == "uv_m" else name for name, _ in ATTRIBUTES}
+            layout = " ".join(
+                f"{size}f" if names[name] in program else f"{4 * size}x"
+                for name, size in ATTRIBUTES
+            )
+            used = [name for name in names.values() if name in program]
+            content = [(self._vertices, layout, *used)]
+            self._arrays[program] = self._context.vertex_array(program, content, self._index)
         return self._arrays[program]
-
-    def _make_array(self, program: Any) -> Any:
-        """What a program does not use is skipped: drivers leave it out of the program."""
-        names = {name: "uv" if name == "uv_m" else name for name, _ in ATTRIBUTES}
-        layout = " ".join(
-            f"{size}f" if names[name] in program else f"{4 * size}x" for name, size in ATTRIBUTES
-        )
-        used = [name for name in names.values() if name in program]
-        return self._context.vertex_array(program, [(self._vertices, layout, *used)], self._index)
 
 
 class Chunk(NamedTuple):
@@ -60,7 +59,7 @@ class Cut:
     """A mesh whose triangles are sorted by the square of ground that they stand on.
 
     Attributes:
-        mesh: It.
+        mesh: The whole of it.
         runs: For every square its first index and number of indices.
         low_m: Lower corners of what is in each, (k, 3).
         high_m: Upper corners.
@@ -86,15 +85,13 @@ def load_texture(context: Any, material: Material) -> Any:
 def split_by_gloss(mesh: Mesh) -> list[Mesh]:
     """The matte and the glossy triangles of a mesh, which have programs of their own."""
     is_glossy = mesh.gloss[mesh.triangles[:, 0], 0] > 0
-    kinds = [mesh.triangles[~is_glossy], mesh.triangles[is_glossy]]
-    return [_with_triangles(mesh, triangles) for triangles in kinds if len(triangles)]
-
-
-def _with_triangles(mesh: Mesh, triangles: NDArray) -> Mesh:
-    """Some of a mesh's triangles, with the vertices that they use."""
-    used, rows = np.unique(triangles, return_inverse=True)
-    columns = {name: getattr(mesh, name)[used] for name, _ in ATTRIBUTES}
-    return Mesh(**columns, triangles=rows.reshape(-1, 3).astype(np.int32))
+    parts = []
+    for triangles in (mesh.triangles[~is_glossy], mesh.triangles[is_glossy]):
+        if len(triangles):
+            used, rows = np.unique(triangles, return_inverse=True)
+            columns = {name: getattr(mesh, name)[used] for name, _ in ATTRIBUTES}
+            parts.append(Mesh(**columns, triangles=rows.reshape(-1, 3).astype(np.int32)))
+    return parts
 
 
 def cut(mesh: Mesh) -> Cut:

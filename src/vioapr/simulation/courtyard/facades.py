@@ -46,12 +46,11 @@ def build(
         openings: That do not overlap.
         px_per_m: Density of the picture.
     """
-    _stain(rng, wall, openings, px_per_m)
+    stain(rng, wall, openings, px_per_m)
     for opening in openings:
         painting.paint(rng, wall, opening, px_per_m)
     size = (wall.shape[1] / px_per_m, wall.shape[0] / px_per_m)
-    parts = [_wall_mesh(size, openings)]
-    parts += [_opening_mesh(rng, opening) for opening in openings]
+    parts = [wall_mesh(size, openings), *(opening_mesh(rng, opening) for opening in openings)]
     return Facade(wall, join(parts), tuple(openings))
 
 
@@ -118,8 +117,15 @@ def shutters(openings: tuple[Opening, ...], keep: list[bool]) -> Mesh:
     return join(parts)
 
 
-def _stain(rng: np.random.Generator, wall: Field, openings: list[Opening], px_per_m: float) -> None:
-    """Splashes along the ground, soot under the eaves, runs under the sills; in place."""
+def stain(rng: np.random.Generator, wall: Field, openings: list[Opening], px_per_m: float) -> None:
+    """Paint splashes along the ground, soot under the eaves and runs under the sills, in place.
+
+    Args:
+        rng: Source of randomness.
+        wall: Its picture, (h, w, 3).
+        openings: Rain runs from the sills of windows.
+        px_per_m: Density of the picture.
+    """
     shape = wall.shape[:2]
     x, y = coordinates_m(shape, px_per_m)
     noise = fractal(rng, shape, slope=1.2)
@@ -131,45 +137,38 @@ def _stain(rng: np.random.Generator, wall: Field, openings: list[Opening], px_pe
         if o.kind == "window":
             below = Opening(o.left_m - 0.3, o.bottom_m - 1.5, o.width_m + 0.6, 1.5)
             rows, columns = below.rows_and_columns(shape[0], px_per_m)
-            run = _run(x[:, columns] - o.left_m, (o.bottom_m - y[rows]) / 1.5, o.width_m)
+            # Most of the rain runs from a sill's ends, less and less downwards.
+            along, down = x[:, columns] - o.left_m, (o.bottom_m - y[rows]) / 1.5
+            ends = np.exp(-np.square(along / 0.1)) + np.exp(-np.square((along - o.width_m) / 0.1))
+            middle = 0.35 * ((along > 0) & (along < o.width_m))
+            run = np.clip(1 - down, 0, 1) * (ends + middle)
             wet = np.clip(0.5 + 0.6 * runs[rows, columns], 0, 1.5)
             dark[rows, columns] += rng.uniform(0.1, 0.5) * run * wet
     wall[:] = mix(wall, wall * np.array([0.42, 0.4, 0.37]), np.clip(dark, 0, 0.85))
 
 
-def _run(x: Field, below: Field, width_m: float) -> Field:
-    """Rain that runs from a sill: most from its ends, less and less downwards."""
-    ends = np.exp(-np.square(x / 0.1)) + np.exp(-np.square((x - width_m) / 0.1))
-    middle = 0.35 * ((x > 0) & (x < width_m))
-    return np.clip(1 - below, 0, 1) * (ends + middle)
-
-
-def _wall_mesh(size_m: tuple[float, float], openings: list[Opening]) -> Mesh:
+def wall_mesh(size_m: tuple[float, float], openings: list[Opening]) -> Mesh:
     """The wall around its openings, cut at all their edges so that no vertex lies on an edge."""
-    xs = _cuts([0.0, size_m[0]], [(o.left_m, o.left_m + o.width_m) for o in openings])
-    zs = _cuts([0.0, size_m[1]], [(o.bottom_m, o.bottom_m + o.height_m) for o in openings])
-    cells = [
-        patch((x0, 0, z0), (x1 - x0, 0, 0), (0, 0, z1 - z0), uv_m=(x0, z0), cell_m=2.5)
-        for x0, x1 in pairwise(xs)
-        for z0, z1 in pairwise(zs)
-        if not _is_open(openings, (x0 + x1) / 2, (z0 + z1) / 2)
-    ]
+    xs, zs = {0.0, size_m[0]}, {0.0, size_m[1]}
+    for o in openings:
+        xs |= {o.left_m, o.left_m + o.width_m}
+        zs |= {o.bottom_m, o.bottom_m + o.height_m}
+    cells = []
+    for x0, x1 in pairwise(sorted({round(x, 4) for x in xs})):
+        for z0, z1 in pairwise(sorted({round(z, 4) for z in zs})):
+            x, z = (x0 + x1) / 2, (z0 + z1) / 2
+            if not any(
+                o.left_m < x < o.left_m + o.width_m and o.bottom_m < z < o.bottom_m + o.height_m
+                for o in openings
+            ):
+                cells.append(
+                    patch((x0, 0, z0), (x1 - x0, 0, 0), (0, 0, z1 - z0), uv_m=(x0, z0), cell_m=2.5)
+                )
     return join(cells)
 
 
-def _cuts(ends: list[float], intervals: list[tuple[float, float]]) -> list[float]:
-    return sorted({round(v, 4) for v in [*ends, *(edge for pair in intervals for edge in pair)]})
-
-
-def _is_open(openings: list[Opening], x: float, z: float) -> bool:
-    return any(
-        o.left_m < x < o.left_m + o.width_m and o.bottom_m < z < o.bottom_m + o.height_m
-        for o in openings
-    )
-
-
-def _opening_mesh(rng: np.random.Generator, o: Opening) -> Mesh:
-    """Pane, reveals and, if its head is round, the wall above the arch."""
+def opening_mesh(rng: np.random.Generator, o: Opening) -> Mesh:
+    """The pane and the reveals of an opening and, if its head is round, the wall above the arch."""
     x0, x1, z0, z1 = o.left_m, o.left_m + o.width_m, o.bottom_m, o.bottom_m + o.height_m
     deep, lent, is_glass = o.depth_m, min(o.depth_m, _LENT_M), o.kind in ("window", "shop")
     glow = float(rng.uniform(0.5, 1.2)) if is_glass and rng.random() < 0.35 else 0.0
@@ -188,7 +187,7 @@ def _opening_mesh(rng: np.random.Generator, o: Opening) -> Mesh:
         sill = patch((x0, 0, z0), (x1 - x0, 0, 0), (0, deep, 0), uv_m=(x0, 0))
         parts.append(_lent(sill, 1, z0 - lent, z0))
     if o.arched:
-        parts += _arch(o)
+        parts += arch_meshes(o)
     else:
         head = patch((x0, deep, z1), (x1 - x0, 0, 0), (0, -deep, 0), uv_m=(x0, 0))
         parts.append(_lent(head, 1, z1, z1 + lent))
@@ -203,8 +202,8 @@ def _lent(mesh: Mesh, axis: int, start_m: float, end_m: float) -> Mesh:
     return replace(mesh, uv_m=uv)
 
 
-def _arch(o: Opening, pieces: int = 12) -> list[Mesh]:
-    """The wall above a half circle, and its soffit."""
+def arch_meshes(o: Opening, pieces: int = 12) -> list[Mesh]:
+    """The wall above a round head, and its soffit, in pieces of the half circle."""
     radius, top = o.width_m / 2, o.bottom_m + o.height_m
     angle = np.linspace(np.pi, 0, pieces + 1)
     x = o.left_m + radius * (1 + np.cos(angle))

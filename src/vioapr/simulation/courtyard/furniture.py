@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vioapr.simulation.courtyard.mesh import Mesh, box, join, lathe, patch, rod
-from vioapr.simulation.courtyard.plants import Parts
+from vioapr.simulation.courtyard.mesh import Mesh, Parts, box, join, lathe, patch, rod
 
 IRON = (0.1, 0.12, 0.12)
 BRONZE = (0.28, 0.42, 0.36)
@@ -35,11 +34,11 @@ def fountain() -> Parts:
         ("limestone", basin),
         ("water", water),
         ("limestone", pillar),
-        ("painted", _figure(2.4)),
+        ("painted", statue().moved((0, 0, 2.4)).tinted(BRONZE)),
     ]
 
 
-def _figure(base_m: float) -> Mesh:
+def statue() -> Mesh:
     """A draped figure that raises one arm with a torch."""
     robe = lathe([(0.34, 0), (0.3, 0.5), (0.22, 0.95), (0.27, 1.3), (0.24, 1.45), (0.08, 1.55),
                   (0.08, 1.6)], sides=11, flatten=0.75)  # fmt: skip
@@ -49,7 +48,7 @@ def _figure(base_m: float) -> Mesh:
             rod((-0.22, 0, 1.4), (-0.36, -0.16, 1.05), (0.075, 0.05)),
             rod((-0.36, -0.16, 1.05), (-0.12, -0.32, 1.0), (0.05, 0.04))]  # fmt: skip
     torch = lathe([(0.03, 2.2), (0.09, 2.35), (0.05, 2.45), (0.0, 2.65)], centre_m=(0.52, -0.12, 0))
-    return join([robe, head, *arms, torch]).moved((0, 0, base_m)).tinted(BRONZE)
+    return join([robe, head, *arms, torch])
 
 
 def bench() -> Parts:
@@ -122,7 +121,7 @@ def table_set(rng: np.random.Generator, parasol_tint: ArrayLike | None) -> Parts
     cup = lathe([(0.035, 0.75), (0.05, 0.83)], centre_m=(0.12, 0.08, 0), sides=8)
     parts: Parts = [("painted", join([top, foot, cup]))]
     for angle in np.array([20, 140, 260]) + rng.uniform(-25, 25, 3):
-        parts += [(m, mesh.moved((0, 0.65, 0)).moved(yaw_deg=angle)) for m, mesh in _chair()]
+        parts += [(m, mesh.moved((0, 0.65, 0)).moved(yaw_deg=angle)) for m, mesh in chair()]
     if parasol_tint is not None:
         pole = rod((0, 0, 0), (0, 0, 2.5), (0.025, 0.025))
         shade = lathe([(1.35, 2.05), (0.7, 2.35), (0.0, 2.55)], sides=8, smooth=False,
@@ -131,7 +130,8 @@ def table_set(rng: np.random.Generator, parasol_tint: ArrayLike | None) -> Parts
     return parts
 
 
-def _chair() -> Parts:
+def chair() -> Parts:
+    """A wooden chair that faces -y."""
     seat = box((-0.2, -0.2, 0.43), (0.2, 0.2, 0.46))
     back = box((-0.2, 0.18, 0.6), (0.2, 0.21, 0.85))
     legs = [rod((x, y, 0), (x, y, 0.85 if y > 0 else 0.43), (0.014, 0.014), sides=3, tint=IRON)
@@ -146,18 +146,20 @@ def bicycle(tint: ArrayLike) -> Parts:
              ((0.36, 0.95), (0.28, 1.02))]  # fmt: skip
     frame = [rod((a[0], 0.03, a[1]), (b[0], 0.03, b[1]), (0.022, 0.022), sides=4, tint=tint)
              for a, b in tubes]  # fmt: skip
-    wheels = [_wheel(x) for x in (-0.5, 0.52)]
+    wheels = [wheel(x) for x in (-0.5, 0.52)]
     bar = rod((0.3, -0.25, 1.02), (0.3, 0.3, 1.02), (0.015, 0.015), sides=5, tint=IRON)
     saddle = box((-0.32, -0.05, 0.86), (-0.08, 0.11, 0.92), tint=(0.15, 0.1, 0.08))
     return [("painted", join([*frame, *wheels, bar, saddle]))]
 
 
-def _wheel(x: float) -> Mesh:
+def wheel(x_m: float) -> Mesh:
+    """A bicycle's wheel along x, its hub at `x_m`."""
     angle = np.linspace(0, 2 * np.pi, 13)
-    rim = np.column_stack([x + 0.32 * np.cos(angle), 0 * angle + 0.03, 0.33 + 0.32 * np.sin(angle)])
+    along, height = 0.32 * np.cos(angle), 0.33 + 0.32 * np.sin(angle)
+    rim = np.column_stack([x_m + along, 0 * angle + 0.03, height])
     tyre = [rod(a, b, (0.024, 0.024), sides=3, tint=(0.09, 0.09, 0.09))
             for a, b in pairwise(rim)]  # fmt: skip
-    spokes = [rod((x, 0.03, 0.33), p, (0.008, 0.005), sides=3, tint=(0.6, 0.6, 0.6))
+    spokes = [rod((x_m, 0.03, 0.33), p, (0.008, 0.005), sides=3, tint=(0.6, 0.6, 0.6))
               for p in rim[:-1:2]]  # fmt: skip
     return join([*tyre, *spokes])
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from vioapr.simulation.courtyard import facades, materials, posters
 from vioapr.simulation.courtyard.furniture import IRON, flipped
-from vioapr.simulation.courtyard.mesh import Mesh, box, join, lathe, patch, rod
+from vioapr.simulation.courtyard.mesh import Mesh, Parts, box, join, lathe, patch, rod
 from vioapr.simulation.courtyard.noise import Field, coordinates_m, mix
 from vioapr.simulation.courtyard.openings import Opening
-from vioapr.simulation.courtyard.plants import Parts, climber
+from vioapr.simulation.courtyard.plants import climber
 
 LENGTH_M, WIDTH_M = 36.0, 26.0
 """Of the yard along x and y, m; its middle is the world's origin."""
@@ -46,7 +46,7 @@ _SITES = {
 
 def build_all(rng: np.random.Generator, px_per_m: float) -> dict[str, House]:
     """The four houses by the side on which they stand."""
-    makers = {"north": _north, "east": _east, "south": _south, "west": _west}
+    makers = {"north": north, "east": east, "south": south, "west": west}
     houses = {}
     for side, make in makers.items():
         house = make(rng, px_per_m)
@@ -79,7 +79,7 @@ def _canvas(width_m: float, height_m: float, px_per_m: float) -> tuple[int, int]
     return round(height_m * px_per_m), round(width_m * px_per_m)
 
 
-def _north(rng: np.random.Generator, px_per_m: float) -> House:
+def north(rng: np.random.Generator, px_per_m: float) -> House:
     """Red brick, twelve bays of sash windows on three floors, two equal entrances."""
     height = 11.0
     wall = materials.brick(rng, _canvas(LENGTH_M, height, px_per_m), px_per_m)
@@ -112,7 +112,7 @@ def _north(rng: np.random.Generator, px_per_m: float) -> House:
     return House(facade.picture, parts)
 
 
-def _south(rng: np.random.Generator, px_per_m: float) -> House:
+def south(rng: np.random.Generator, px_per_m: float) -> House:
     """Ochre plaster over an arcade of nine bays, shutters above."""
     height = 10.5
     wall = materials.plaster(rng, _canvas(LENGTH_M, height, px_per_m), px_per_m)
@@ -151,7 +151,7 @@ def _twin_upper(color: tuple[float, float, float]) -> list[Opening]:
     ]
 
 
-def _east(rng: np.random.Generator, px_per_m: float) -> House:
+def east(rng: np.random.Generator, px_per_m: float) -> House:
     """A café and a shop in sandstone, pale yellow plaster with balconies above."""
     height = 10.2
     shape = _canvas(WIDTH_M, height, px_per_m)
@@ -179,7 +179,7 @@ def _east(rng: np.random.Generator, px_per_m: float) -> House:
     return House(facade.picture, parts)
 
 
-def _west(rng: np.random.Generator, px_per_m: float) -> House:
+def west(rng: np.random.Generator, px_per_m: float) -> House:
     """A passage to the street, two garages and a mural; above, the east house's windows."""
     height = 10.2
     shape = _canvas(WIDTH_M, height, px_per_m)
@@ -244,12 +244,11 @@ def _roof(
         y = rng.uniform(1.5, 4.0)
         top = height_m + 0.66 * y + rng.uniform(1.3, 2.2)
         chimneys.append(box((x, y, height_m), (x + 0.9, y + 0.6, top), faces="sewnt"))
-    boxes = [_dormer(x, height_m) for x in dormers]
     return [("limestone", cornice), ("painted", gutter), ("roof", join([slope, *chimneys])),
-            *(part for dormer in boxes for part in dormer)]  # fmt: skip
+            *(part for x in dormers for part in dormer(x, height_m))]  # fmt: skip
 
 
-def _dormer(x_m: float, height_m: float) -> Parts:
+def dormer(x_m: float, height_m: float) -> Parts:
     """A window in the roof."""
     low, front = height_m + 0.7, 0.9
     walls = box((x_m - 0.8, front, low), (x_m + 0.8, 3.5, low + 1.5), faces="sew", tint=0.85)

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vioapr.geometry.vectors import distance_along_m
+
 Floats = NDArray[np.float32]
 
 ATTRIBUTES = (
@@ -100,6 +102,10 @@ class Mesh:
     def tinted(self, tint: ArrayLike) -> Mesh:
         """With every colour multiplied."""
         return replace(self, tint=(self.tint * np.asarray(tint, np.float32)).astype(np.float32))
+
+
+Parts = list[tuple[str, Mesh]]
+"""Meshes, each with the name of its material."""
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
@@ -203,8 +209,7 @@ def lathe(
     normal = np.concatenate(
         [out[:, None, :1] * face, np.tile(out[:, None, 1:], (1, len(ring), 1))], axis=-1
     )
-    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
-    u, v = np.meshgrid(angle * profile[:, 0].max(), length)
+    u, v = np.meshgrid(angle * profile[:, 0].max(), distance_along_m(profile))
     return Mesh.build(
         position.reshape(-1, 3) + np.asarray(centre_m),
         normal.reshape(-1, 3),

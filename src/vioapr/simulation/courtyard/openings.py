@@ -1,4 +1,8 @@
-"""Windows, doors and shop fronts: painted into a facade's picture where its wall is open."""
+"""Windows, doors and shop fronts: painted into a facade's picture where its wall is open.
+
+Every painter takes the size of its picture in pixels, the opening and the density, and returns
+a picture of shape (h, w, 3), 0 to 1.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from vioapr.simulation.courtyard import materials
+from vioapr.simulation.courtyard import interiors, materials
 from vioapr.simulation.courtyard.materials import Color
 from vioapr.simulation.courtyard.noise import Field, coordinates_m, fractal, mix, step
 
@@ -52,111 +56,35 @@ def paint(rng: np.random.Generator, picture: Field, opening: Opening, px_per_m: 
     """Paint an opening into the picture of its facade, in place."""
     rows, columns = opening.rows_and_columns(len(picture), px_per_m)
     shape = picture[rows, columns].shape[:2]
-    painter = {
-        "window": _window, "shop": _window, "door": _door, "arcade": _arcade, "gate": _gate,
-    }[opening.kind]  # fmt: skip
-    picture[rows, columns] = painter(rng, shape, opening, px_per_m)
+    painters = {"window": window, "shop": window, "door": door, "arcade": arcade, "gate": gate}
+    picture[rows, columns] = painters[opening.kind](rng, shape, opening, px_per_m)
 
 
-def _window(
+def window(
     rng: np.random.Generator, shape: tuple[int, int], opening: Opening, px_per_m: float
 ) -> Field:
     """Glass with a room behind it, curtains or blinds, and a frame."""
-    room = _shop_room if opening.kind == "shop" else _room
+    room = interiors.shop if opening.kind == "shop" else interiors.room
     picture = room(rng, shape, px_per_m)
     haze = fractal(rng, shape, slope=1.6)
     picture = mix(picture, (0.62, 0.68, 0.74), np.clip(0.12 + 0.08 * haze, 0, 1))
-    frame = _frame(shape, opening, px_per_m)
-    wood = materials.painted(rng, shape, opening.color)
-    shadow = np.roll(frame, (3, 2), axis=(0, 1))
-    return mix(mix(picture, (0.03, 0.03, 0.03), 0.5 * shadow), wood, frame)
-
-
-def _room(rng: np.random.Generator, shape: tuple[int, int], px_per_m: float) -> Field:
-    """A dim room, of which no two are alike."""
-    x, y = coordinates_m(shape, px_per_m)
-    wall = rng.uniform(0.05, 0.22) * np.array([1.0, rng.uniform(0.8, 1.0), rng.uniform(0.6, 1.0)])
-    light = 0.55 + 0.5 * y / y.max() + 0.12 * fractal(rng, shape, slope=1.5)
-    picture = (wall * light[..., None]).astype(np.float32)
-    for _ in range(rng.integers(1, 4)):  # furniture and pictures on the wall
-        left, low = rng.uniform(0, x.max()), rng.uniform(-0.2, 0.6 * y.max())
-        inside = (np.abs(x - left) < rng.uniform(0.1, 0.4)) & (
-            np.abs(y - low) < rng.uniform(0.1, 0.5)
-        )
-        picture[inside] = rng.uniform(0.03, 0.4) + rng.uniform(-0.06, 0.06, 3)
-    kind = rng.random()
-    if kind < 0.55:
-        picture = _curtains(rng, picture, px_per_m)
-    elif kind < 0.8:
-        picture = _blind(rng, picture, px_per_m)
-    if rng.random() < 0.35:
-        picture = _pot_plant(rng, picture, px_per_m)
-    return picture
-
-
-def _curtains(rng: np.random.Generator, picture: Field, px_per_m: float) -> Field:
-    shape = picture.shape[:2]
-    x, y = coordinates_m(shape, px_per_m)
-    width = x.max()
-    opened = rng.uniform(0.12, 0.5, 2) * width
-    swing = 0.08 * np.sin(y * rng.uniform(1, 3) + rng.uniform(0, 6))
-    is_cloth = (x < opened[0] + swing) | (x > width - opened[1] - swing)
-    folds = np.sin(x * rng.uniform(45, 75) + 2 * swing * 20 + fractal(rng, shape, slope=1.8))
-    base = rng.choice([[0.8, 0.78, 0.72], [0.7, 0.62, 0.5], [0.62, 0.3, 0.26], [0.4, 0.5, 0.6]])
-    cloth = np.asarray(base)[None, None] * (0.62 + 0.16 * folds)[..., None]
-    return mix(picture, cloth, 0.9 * is_cloth)
-
-
-def _blind(rng: np.random.Generator, picture: Field, px_per_m: float) -> Field:
-    _, y = coordinates_m(picture.shape[:2], px_per_m)
-    low = rng.uniform(0.1, 0.9) * y.max()
-    slats = 0.55 + 0.15 * np.sin(y * 2 * np.pi / 0.05)
-    blind = slats[..., None] * np.array([0.95, 0.92, 0.85]) + 0 * picture
-    return mix(picture, blind, np.broadcast_to(y > low, picture.shape[:2]) * 0.95)
-
-
-def _pot_plant(rng: np.random.Generator, picture: Field, px_per_m: float) -> Field:
-    shape = picture.shape[:2]
-    x, y = coordinates_m(shape, px_per_m)
-    centre, height = rng.uniform(0.2, 0.8) * x.max(), rng.uniform(0.2, 0.55)
-    leaf = np.hypot((x - centre) / 0.55, y - height) / height + 0.3 * fractal(rng, shape, slope=0.9)
-    tone = 1 + 0.3 * fractal(rng, shape, slope=0.6)
-    picture = mix(picture, np.array([0.14, 0.3, 0.1]) * tone[..., None], step(leaf, 0.75, 0.6))
-    pot = (np.abs(x - centre) < 0.09) & (y < 0.2)
-    return mix(picture, (0.6, 0.32, 0.2), pot.astype(np.float32))
-
-
-def _shop_room(rng: np.random.Generator, shape: tuple[int, int], px_per_m: float) -> Field:
-    """Shelves full of goods behind a large pane."""
-    x, y = coordinates_m(shape, px_per_m)
-    picture = np.full((*shape, 3), 0.12, dtype=np.float32)
-    cell = (np.floor(x / 0.17).astype(int), np.floor(y / 0.42).astype(int))
-    counts = (cell[1].max() + 1, cell[0].max() + 1)
-    grey = rng.uniform(0.1, 0.6, size=(*counts, 1))
-    colors = 0.55 * grey + 0.45 * rng.uniform(0.1, 0.65, size=(*counts, 3))
-    heights = rng.uniform(0.12, 0.36, size=colors.shape[:2])
-    inside = (y % 0.42) < heights[cell[1], cell[0]]
-    picture = mix(picture, colors[cell[1], cell[0]], 0.85 * inside)
-    picture = mix(picture, (0.45, 0.34, 0.22), 1.0 * np.broadcast_to(y % 0.42 < 0.04, shape))
-    return picture * (0.55 + 0.5 * y / y.max() + 0.1 * fractal(rng, shape, slope=1.6))[..., None]
-
-
-def _frame(shape: tuple[int, int], opening: Opening, px_per_m: float) -> Field:
-    """Where the frame and its bars are: 1, and 0 where the glass is."""
+    # The frame and its bars are where this is 1, and the glass is where it is 0.
     x, y = coordinates_m(shape, px_per_m)
     width, height = shape[1] / px_per_m, shape[0] / px_per_m
-    columns, rows = opening.panes
     to_edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
     frame = step(to_edge, 0.085, 0.065)
+    columns, rows = opening.panes
     for lines, size, coordinate in ((columns, width, x), (rows, height, y)):
         for number in range(1, lines):
             bar = 0.035 if number * 2 == lines else 0.02
             distance = np.abs(coordinate - size * number / lines) + 0 * frame
             frame = np.maximum(frame, step(distance, bar + 0.01, bar - 0.01))
-    return frame
+    wood = materials.painted(rng, shape, opening.color)
+    shadow = np.roll(frame, (3, 2), axis=(0, 1))
+    return mix(mix(picture, (0.03, 0.03, 0.03), 0.5 * shadow), wood, frame)
 
 
-def _door(
+def door(
     rng: np.random.Generator, shape: tuple[int, int], opening: Opening, px_per_m: float
 ) -> Field:
     """A panelled double door under a fanlight."""
@@ -183,7 +111,7 @@ def _door(
     return mix(picture, opening.color, 1.0 * (np.abs(y + 0 * x - leaf_height) < 0.05))
 
 
-def _arcade(
+def arcade(
     rng: np.random.Generator, shape: tuple[int, int], opening: Opening, px_per_m: float
 ) -> Field:
     """The back wall of an arcade: whitewashed, each bay with a door, a window or a notice."""
@@ -201,7 +129,7 @@ def _arcade(
     return picture * 0.9
 
 
-def _gate(
+def gate(
     rng: np.random.Generator, shape: tuple[int, int], opening: Opening, px_per_m: float
 ) -> Field:
     """The far end of a passage: a street in the light, behind iron bars."""

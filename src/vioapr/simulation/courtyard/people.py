@@ -23,10 +23,10 @@ _COATS = ((0.03, 0.04, 0.09), (0.35, 0.05, 0.04), (0.04, 0.04, 0.04), (0.3, 0.24
 
 
 def figure_meshes(rng: np.random.Generator, people: int) -> list[Mesh]:
-    """Meshes of so many people, `PHASES + 1` of each, feet at the origin, facing +x."""
+    """Meshes of people, `PHASES + 1` of each one, feet at the origin, facing +x."""
     meshes = []
     for _ in range(people):
-        look = _Look(
+        look = Look(
             coat=np.array(_COATS[rng.integers(len(_COATS))]) * rng.uniform(0.7, 1.3),
             trousers=rng.uniform(0.02, 0.16) * np.array([1, 1, rng.uniform(1.0, 1.8)]),
             skin=np.array(_SKINS[rng.integers(len(_SKINS))]),
@@ -34,12 +34,14 @@ def figure_meshes(rng: np.random.Generator, people: int) -> list[Mesh]:
             scale=rng.uniform(0.93, 1.06),
         )
         swings = [*(2 * np.pi * np.arange(PHASES) / PHASES), None]
-        meshes += [_person(look, swing) for swing in swings]
+        meshes += [person(look, swing) for swing in swings]
     return meshes
 
 
 @dataclass(frozen=True)
-class _Look:
+class Look:
+    """Linear colours of a person's clothes, skin and hair, and their size, about 1."""
+
     coat: NDArray
     trousers: NDArray
     skin: NDArray
@@ -47,8 +49,8 @@ class _Look:
     scale: float
 
 
-def _person(look: _Look, swing: float | None) -> Mesh:
-    """A person at a phase of their stride, or standing."""
+def person(look: Look, swing: float | None) -> Mesh:
+    """A person at a phase of their stride, rad, or standing if it is None."""
     reach = 0.0 if swing is None else 0.42 * np.sin(swing)
     hip, shoulder = 0.9, 1.41
     coat = [(0.14, hip - 0.14), (0.15, hip), (0.13, 1.1), (0.155, 1.3), (0.12, 1.44), (0.05, 1.49)]
@@ -151,13 +153,9 @@ class Crowd:
             if walker.speed_m_s:
                 mesh += int(abs(row) * _STEP_M / _STRIDE_M * PHASES) % PHASES - PHASES
                 course = walker.courses_rad[row % len(walker.courses_rad)]
-            figures.append(Figure(mesh, _placed(place, course)))
+            cos, sin = np.cos(course), np.sin(course)
+            world_from_model = np.eye(4)
+            world_from_model[:2, :2] = [[cos, -sin], [sin, cos]]
+            world_from_model[:2, 3] = place
+            figures.append(Figure(mesh, world_from_model))
         return figures
-
-
-def _placed(place_m: NDArray, course_rad: float) -> NDArray[np.float64]:
-    cos, sin = np.cos(course_rad), np.sin(course_rad)
-    matrix = np.eye(4)
-    matrix[:2, :2] = [[cos, -sin], [sin, cos]]
-    matrix[:2, 3] = place_m
-    return matrix

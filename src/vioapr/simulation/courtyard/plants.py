@@ -6,10 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from vioapr.simulation.courtyard.mesh import Mesh, cards, lathe, rod
-
-Parts = list[tuple[str, Mesh]]
-"""Meshes, each with the name of its material."""
+from vioapr.simulation.courtyard.mesh import Mesh, Parts, cards, lathe, rod
 
 
 def leaf_picture(rng: np.random.Generator, size_px: int = 256, leaves: int = 75) -> NDArray:

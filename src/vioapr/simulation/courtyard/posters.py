@@ -27,10 +27,16 @@ def poster_sheet(
     height = int(width * 1.4)
     for top in range(-height // 3, shape[0], int(height * 0.92)):
         for left in range(0, shape[1], width):
-            poster = _poster(rng, (width, height))
-            turned = poster.rotate(rng.uniform(-3, 3), expand=False, fillcolor=(150, 140, 120))
+            turned = poster(rng, (width, height)).rotate(
+                rng.uniform(-3, 3), expand=False, fillcolor=(150, 140, 120)
+            )
             sheet.paste(turned, (left, top + int(rng.integers(-8, 8))))
-    return _aged(rng, np.asarray(sheet, dtype=np.float32) / 255)
+    picture = np.asarray(sheet, dtype=np.float32) / 255
+    # Sun-bleached, creased and torn off in places.
+    picture = mix(picture, (0.82, 0.79, 0.72), np.clip(0.22 + 0.1 * fractal(rng, shape), 0, 0.7))
+    picture = mix(picture, (0.9, 0.88, 0.83), 0.5 * cracks(rng, shape, 0.03))
+    torn = step(fractal(rng, shape, slope=1.5), 1.5, 1.6)
+    return mix(picture, (0.72, 0.68, 0.6), torn)
 
 
 def sign(text: str, size_px: tuple[int, int], color: str, ground: str) -> Field:
@@ -89,7 +95,8 @@ def _ink(rng: np.random.Generator, low: float = 25, high: float = 235) -> tuple[
     return tuple(int(c) for c in 0.5 * grey + 0.5 * color)
 
 
-def _poster(rng: np.random.Generator, size: tuple[int, int]) -> Image.Image:
+def poster(rng: np.random.Generator, size: tuple[int, int]) -> Image.Image:
+    """A poster of two words, shapes and lines; width and height in pixels."""
     ground = _ink(rng, 20, 255)
     image = Image.new("RGB", size, ground)
     draw = ImageDraw.Draw(image)
@@ -110,12 +117,3 @@ def _poster(rng: np.random.Generator, size: tuple[int, int]) -> Image.Image:
         y = size[1] * (0.84 + 0.03 * line)
         draw.line((size[0] * 0.06, y, size[0] * rng.uniform(0.4, 0.9), y), fill=ink, width=2)
     return image
-
-
-def _aged(rng: np.random.Generator, picture: Field) -> Field:
-    """Sun-bleached, creased and torn off in places."""
-    shape = picture.shape[:2]
-    picture = mix(picture, (0.82, 0.79, 0.72), np.clip(0.22 + 0.1 * fractal(rng, shape), 0, 0.7))
-    picture = mix(picture, (0.9, 0.88, 0.83), 0.5 * cracks(rng, shape, 0.03))
-    torn = step(fractal(rng, shape, slope=1.5), 1.5, 1.6)
-    return mix(picture, (0.72, 0.68, 0.6), torn)

@@ -19,12 +19,12 @@ from vioapr.simulation.courtyard.people import Crowd, figure_meshes
 from vioapr.simulation.courtyard.photography import Photographer
 from vioapr.simulation.courtyard.plan import CourtyardParams, Plan, plan_motion
 from vioapr.simulation.courtyard.render import Renderer, Shot
-from vioapr.simulation.courtyard.walks import Motion
 from vioapr.simulation.courtyard.weather import WEATHERS
 from vioapr.simulation.trackers import TrackerErrors, track_frames
 from vioapr.trajectory import Trajectory
 
 TRACKER = TrackerErrors(tilt_error_deg=0.1)
+"""How the phone's tracker errs."""
 FROM_ABOVE = "from_above.jpg"
 """A picture of the place from above, beside `scene.toml`."""
 FROM_ABOVE_WIDTH_M = 46.0
@@ -71,7 +71,15 @@ def record(
             vio = None if state == Tracking.LOST else tracked.vio_from_cam.at(row)
             writer.add_frame(time_s, f"{row:06d}.jpg", image, state, vio, params.camera)
             tick()
-        _write_instruments(writer, rng, motion, params.duration_s)
+        imu = devices.measure_imu(rng, motion, params.duration_s)
+        for measured in zip(*vars(imu).values(), strict=True):
+            writer.add_imu(*measured)
+        gnss = devices.measure_gnss(rng, motion, params.duration_s)
+        for measured in zip(*vars(gnss).values(), strict=True):
+            writer.add_gnss(*measured)
+        heading = devices.measure_heading(rng, motion, params.duration_s)
+        for measured in zip(*vars(heading).values(), strict=True):
+            writer.add_heading(*measured)
     scene.write_gt(plan.id_, Trajectory.from_arrays(times, *world_from_cam))
     if plan.number == 0:
         picture = encode_image(FROM_ABOVE, view_from_above(renderer))
@@ -85,20 +93,6 @@ def view_from_above(renderer: Renderer) -> NDArray[np.uint8]:
     camera = Intrinsics(width, height, focal, focal, width / 2, height / 2)
     down = Rigid3(np.array([0, 0, _FROM_ABOVE_HEIGHT_M]), np.array([1.0, 0.0, 0.0, 0.0]))
     return renderer.render(down, camera, Shot((1.0, 1.0, 1.0)))
-
-
-def _write_instruments(
-    writer: RecordingWriter, rng: np.random.Generator, motion: Motion, duration_s: float
-) -> None:
-    imu = devices.measure_imu(rng, motion, duration_s)
-    for row in zip(imu.timestamp_s, imu.accel_m_s2, imu.gyro_rad_s, strict=True):
-        writer.add_imu(*row)
-    gnss = devices.measure_gnss(rng, motion, duration_s)
-    for fix in zip(*vars(gnss).values(), strict=True):
-        writer.add_gnss(*fix)
-    heading = devices.measure_heading(rng, motion, duration_s)
-    for measured in zip(*vars(heading).values(), strict=True):
-        writer.add_heading(*measured)
 
 
 def make_renderer(place: world.World, params: CourtyardParams, seed: int) -> Renderer:

@@ -118,8 +118,27 @@ class Renderer:
     def set_weather(self, weather: Weather, seed: int = 0) -> None:
         """Light the world: sky, sun and shadows. The seed draws the clouds."""
         self._weather = weather
+        disc = np.sqrt(paint_sky(np.random.default_rng([seed, 7]), weather) / 2)
+        pixels = (np.clip(disc, 0, 1) * 255 + 0.5).astype(np.uint8)
+        sun = sun_clip_from_world(weather.sun_direction)
         with self.context:
-            self._light = self._lit(weather, seed)
+            self._sky_disc = self.context.texture(pixels.shape[1::-1], 3, pixels.tobytes())
+            self._draw_depths(self._shadow, self._chunks.drawables, sun)
+        half = np.diag([0.5, 0.5, 0.5, 1.0])
+        half[:3, 3] = 0.5
+        shadow_from_world = half @ sun
+        shadow_from_world[2, 3] -= 0.0012  # no surface shades itself
+        ambient = sum(weather.sky) + sum(weather.bounce)
+        share = ambient / (ambient + sum(weather.sun) * weather.sun_direction[2])
+        self._light = {
+            "shadow_from_world": matrix_bytes(shadow_from_world),
+            "sun_direction": weather.sun_direction, "sun_light": weather.sun,
+            "sky_light": weather.sky, "bounce_light": weather.bounce,
+            "lamp_light": weather.lamps, "horizon": weather.horizon,
+            "haze_per_m": weather.haze_per_m, "wetness": weather.wetness,
+            # Colours are stored as square roots, and so is what a shadow leaves of them.
+            "remaining": float(np.sqrt(share)), "picture": 0, "shadow_map": 1, "sky_disc": 2,
+        }  # fmt: skip
 
     def render(
         self,
@@ -161,29 +180,6 @@ class Renderer:
         """Give back the context's memory."""
         self.context.release()
 
-    def _lit(self, weather: Weather, seed: int) -> dict[str, Any]:
-        """Make the maps of sky and shadows; what the programs need to know of the light."""
-        disc = np.sqrt(paint_sky(np.random.default_rng([seed, 7]), weather) / 2)
-        pixels = (np.clip(disc, 0, 1) * 255 + 0.5).astype(np.uint8)
-        self._sky_disc = self.context.texture(pixels.shape[1::-1], 3, pixels.tobytes())
-        sun = sun_clip_from_world(weather.sun_direction)
-        self._draw_depths(self._shadow, self._chunks.drawables, sun)
-        half = np.diag([0.5, 0.5, 0.5, 1.0])
-        half[:3, 3] = 0.5
-        shadow_from_world = half @ sun
-        shadow_from_world[2, 3] -= 0.0012  # no surface shades itself
-        ambient = sum(weather.sky) + sum(weather.bounce)
-        share = ambient / (ambient + sum(weather.sun) * weather.sun_direction[2])
-        return {
-            "shadow_from_world": matrix_bytes(shadow_from_world),
-            "sun_direction": weather.sun_direction, "sun_light": weather.sun,
-            "sky_light": weather.sky, "bounce_light": weather.bounce,
-            "lamp_light": weather.lamps, "horizon": weather.horizon,
-            "haze_per_m": weather.haze_per_m, "wetness": weather.wetness,
-            # Colours are stored as square roots, and so is what a shadow leaves of them.
-            "remaining": float(np.sqrt(share)), "picture": 0, "shadow_map": 1, "sky_disc": 2,
-        }  # fmt: skip
-
     @property
     def _daylight(self) -> Weather:
         assert self._weather is not None, "set_weather comes first"
@@ -208,13 +204,18 @@ class Renderer:
         """People, and their shadows on the ground: their meshes, flattened along the rays."""
         gl, cast = self.context, self._program("CAST")
         clip_from_world = np.frombuffer(values["clip_from_world"], np.float32).reshape(4, 4).T
-        figures = [figure for figure in figures if _may_be_seen(figure, clip_from_world)]
-        if not figures:
+        placed = []
+        for figure in figures:  # those who may be in view, themselves or by their shadow
+            x, y, _, depth_m = clip_from_world @ figure.world_from_model[:, 3]
+            beyond = depth_m + 3 * _FIGURE_REACH_M
+            if depth_m > -_FIGURE_REACH_M and max(abs(x), abs(y)) < beyond:
+                placed.append(figure)
+        if not placed:
             return
         program = self._scene_program(self._figures[0])
         _set(program, values)
         self._figures[0].texture.use(0)
-        for mesh, world_from_model in figures:
+        for mesh, world_from_model in placed:
             _set(program, {"world_from_model": matrix_bytes(world_from_model)})
             self._figures[mesh].array(program).render()
         if not self._daylight.has_sun:
@@ -223,7 +224,7 @@ class Renderer:
         gl.disable(gl.CULL_FACE)
         gl.enable(gl.BLEND)
         gl.blend_func = gl.ZERO, gl.SRC_COLOR
-        for mesh, world_from_model in figures:
+        for mesh, world_from_model in placed:
             # A second layer at the same depth fails the test, so that none darkens twice.
             _set(cast, {"world_from_model": matrix_bytes(world_from_model)})
             self._figures[mesh].array(cast).render()
@@ -320,12 +321,6 @@ class Renderer:
         target.release()
         texture.release()
         return depths.reshape(size_px, size_px)
-
-
-def _may_be_seen(figure: Figure, clip_from_world: NDArray) -> bool:
-    """Whether a person or their shadow, within some metres, may be in view."""
-    x, y, _, depth_m = clip_from_world @ figure.world_from_model[:, 3]
-    return bool(depth_m > -_FIGURE_REACH_M and max(abs(x), abs(y)) < depth_m + 3 * _FIGURE_REACH_M)
 
 
 def _set(program: Any, values: dict[str, Any]) -> None:

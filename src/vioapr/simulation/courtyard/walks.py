@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.vectors import distance_along_m
 from vioapr.simulation.handheld import looking, smooth_noise
 
 ROUTES_M = {
@@ -97,11 +98,11 @@ def closed_route(points_m: ArrayLike) -> tuple[CubicSpline, float]:
     """The smooth closed line through points, by the distance along it, and its length, m."""
     points = np.asarray(points_m, dtype=np.float64)
     points = np.concatenate([points, points[:1]])
-    chord = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    chord = distance_along_m(points)
     by_chord = CubicSpline(chord, points, bc_type="periodic")
     fine = np.linspace(0, chord[-1], 2000)
     places = by_chord(fine)
-    distance = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+    distance = distance_along_m(places)
     places[-1] = places[0]
     return CubicSpline(distance, places, bc_type="periodic"), float(distance[-1])
 
@@ -128,47 +129,49 @@ def walk(
     margin_s = 0.5  # splines are at their worst at their ends
     times = np.arange(-margin_s, duration_s + margin_s, 1 / _KNOT_RATE_HZ)
     speed = speed_m_s * np.clip(1 + 0.22 * smooth_noise(rng, times, 3.0), 0.1, 1.8)
-    start = _nearest(line, length, ENTRANCE_M) + rng.normal(0, 0.8)
+    candidates = np.linspace(0, length, 1000)
+    nearest = np.linalg.norm(line(candidates) - ENTRANCE_M, axis=1).argmin()
+    start = float(candidates[nearest]) + rng.normal(0, 0.8)
     along = start + np.cumsum(speed) / _KNOT_RATE_HZ
     stride = np.cumsum(speed) / _KNOT_RATE_HZ * (2 * np.pi / 1.35)  # two steps are 1.35 m
     place, forward = line(along % length), line(along % length, 1)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-    position = _carried(rng, times, place, forward, stride)
-    course = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
-    quat = _looking(rng, times, course, stride)
-    return Motion(make_interp_spline(times, position, k=5), make_interp_spline(times, quat, k=5))
-
-
-def _nearest(line: CubicSpline, length_m: float, place_m: ArrayLike) -> float:
-    """Where along a line it comes nearest to a place, m."""
-    along = np.linspace(0, length_m, 1000)
-    return float(along[np.linalg.norm(line(along) - place_m, axis=1).argmin()])
-
-
-def _carried(
-    rng: np.random.Generator, times: NDArray, place: NDArray, forward: NDArray, stride: NDArray
-) -> NDArray:
-    """The phone's place: it bobs with every step and sways with every second, (n, 3)."""
+    # The phone sways with every second and bobs with every step.
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
     aside = 0.18 * np.tanh(smooth_noise(rng, times, 6.0)) + 0.016 * np.sin(stride)
     aside = aside + 0.006 * smooth_noise(rng, times, 0.25)
     height = EYE_HEIGHT_M + 0.02 * np.cos(2 * stride) + 0.03 * smooth_noise(rng, times, 2.5)
-    return np.column_stack([place + aside[:, None] * left, height])
+    position = np.column_stack([place + aside[:, None] * left, height])
+    course = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
+    quat = look_about(rng, times, course, stride)
+    return Motion(make_interp_spline(times, position, k=5), make_interp_spline(times, quat, k=5))
 
 
-def _looking(rng: np.random.Generator, times: NDArray, course: NDArray, stride: NDArray) -> NDArray:
-    """Quaternions world_from_cam without jumps of sign: the view wanders, the hand trembles."""
-    heading = course + np.deg2rad(
-        34 * smooth_noise(rng, times, 7.0) + 20 * smooth_noise(rng, times, 1.6)
-        + 0.6 * np.sin(stride) + 0.10 * smooth_noise(rng, times, 0.06)
+def look_about(
+    rng: np.random.Generator, timestamp_s: NDArray, course_rad: NDArray, stride_rad: NDArray
+) -> NDArray[np.float64]:
+    """The orientations of a phone that is held up: the view wanders, the hand trembles.
+
+    Args:
+        rng: Source of randomness.
+        timestamp_s: Evenly spaced, shape (n,).
+        course_rad: Where the person walks to, without jumps, shape (n,).
+        stride_rad: Phase of their stride, two steps a turn, shape (n,).
+
+    Returns:
+        world_from_cam as quaternions xyzw without jumps of sign, shape (n, 4).
+    """
+    heading = course_rad + np.deg2rad(
+        34 * smooth_noise(rng, timestamp_s, 7.0) + 20 * smooth_noise(rng, timestamp_s, 1.6)
+        + 0.6 * np.sin(stride_rad) + 0.10 * smooth_noise(rng, timestamp_s, 0.06)
     )  # fmt: skip
     pitch = np.deg2rad(
-        4 + 5 * smooth_noise(rng, times, 2.5) + 0.5 * np.sin(2 * stride + 0.7)
-        + 0.10 * smooth_noise(rng, times, 0.06)
+        4 + 5 * smooth_noise(rng, timestamp_s, 2.5) + 0.5 * np.sin(2 * stride_rad + 0.7)
+        + 0.10 * smooth_noise(rng, timestamp_s, 0.06)
     )  # fmt: skip
     roll = np.deg2rad(
-        1.8 * smooth_noise(rng, times, 2.0) + 0.5 * np.sin(stride + 0.4)
-        + 0.08 * smooth_noise(rng, times, 0.06)
+        1.8 * smooth_noise(rng, timestamp_s, 2.0) + 0.5 * np.sin(stride_rad + 0.4)
+        + 0.08 * smooth_noise(rng, timestamp_s, 0.06)
     )  # fmt: skip
     zero = np.zeros_like(roll)
     return looking(

@@ -114,11 +114,6 @@ def paint_sky(rng: np.random.Generator, weather: Weather, size_px: int = 512) ->
     shade = 1 + 0.1 * fractal(rng, (size_px, size_px), slope=1.6) - 0.16 * step(billows, level, 3)
     clouds = np.asarray(weather.cloud, np.float32) * shade[..., None]
     picture = picture + (clouds - picture) * (0.92 * cover)[..., None]
-    glow = np.exp(-(1 - _towards_sun(weather, x, y, up)) * 14.0)
-    return (picture + np.multiply(weather.sun, 0.35 * glow[..., None])).astype(np.float32)
-
-
-def _towards_sun(weather: Weather, x: Field, y: Field, up: Field) -> Field:
-    """Cosine of the angle to the sun of every pixel of the disc."""
     direction = np.stack([x * (1 + up), y * (1 + up), up], axis=-1)
-    return direction @ weather.sun_direction
+    glow = np.exp(-(1 - direction @ weather.sun_direction) * 14.0)
+    return (picture + np.multiply(weather.sun, 0.35 * glow[..., None])).astype(np.float32)
