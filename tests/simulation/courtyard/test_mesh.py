@@ -2,9 +2,12 @@ import numpy as np
 import pytest
 
 from vioapr.scene.frames import Intrinsics
+from vioapr.simulation.courtyard.bake import lamp_light
 from vioapr.simulation.courtyard.drawing import ChunkList, cut, split_by_gloss
+from vioapr.simulation.courtyard.facades import arch_meshes, wall_mesh
 from vioapr.simulation.courtyard.mesh import box, join, lathe, patch, rod
 from vioapr.simulation.courtyard.noise import fractal, step
+from vioapr.simulation.courtyard.openings import Opening
 from vioapr.simulation.courtyard.projection import clip_from_cam
 
 
@@ -104,3 +107,26 @@ def test_noise_has_the_asked_for_spectrum(slope):
 def test_a_step_rises_and_falls():
     np.testing.assert_allclose(step(np.array([0.0, 1.0, 2.0]), 0.0, 2.0), [0, 0.5, 1])
     np.testing.assert_allclose(step(np.array([0.0, 1.0, 2.0]), 2.0, 0.0), [1, 0.5, 0])
+
+
+def test_a_wall_is_open_where_its_openings_are():
+    openings = [Opening(1.0, 0.5, 1.2, 2.0), Opening(4.0, 0.0, 1.0, 2.5, "door")]
+    area, _ = area_and_volume(wall_mesh((6.0, 4.0), openings))
+    assert area == pytest.approx(6 * 4 - 1.2 * 2 - 2.5, rel=1e-6)
+
+
+def test_above_an_arch_the_wall_goes_on():
+    """Between a half circle of 2 m and its square: 2 - pi / 2 square metres, but for the pieces."""
+    pieces = join(arch_meshes(Opening(0.0, 0.0, 2.0, 3.0, "gate", depth_m=0.5, arched=True), 60))
+    front = (pieces.position_m[pieces.triangles][..., 1] == 0).all(axis=1)
+    a, b, c = np.moveaxis(pieces.position_m[pieces.triangles[front]].astype(float), 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(2 - np.pi / 2, rel=0.01)
+
+
+def test_lamps_light_what_faces_them_by_the_square_of_the_distance():
+    points = np.array([[0.0, 0, 0], [0, 0, -6], [0, 0, 0]])
+    normals = np.array([[0.0, 0, 1], [0, 0, 1], [1, 0, 0]])
+    near, far, aside = lamp_light(points, normals, np.array([[0.0, 0, 3.0]]))
+    assert near / far == pytest.approx((9**2 + 1) / (3**2 + 1))
+    assert aside == pytest.approx(0.05 * near)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vioapr.errors import FormatError, MissingExtraError, ParameterError
+from vioapr.errors import AlreadyExistsError, MissingExtraError, ParameterError
 from vioapr.geometry.frames import z_up_from_y_up
 from vioapr.geometry.umeyama import align_umeyama
 from vioapr.scene.check import check_scene
@@ -106,7 +106,7 @@ def test_every_frame_ticks(rendering, tmp_path):
 
 def test_a_scene_that_exists_is_kept(scene):
     before = files_of(scene.folder)
-    with pytest.raises(FormatError, match="exists"):
+    with pytest.raises(AlreadyExistsError, match="exists"):
         simulate(scene.folder, TINY, workers=1)
     assert files_of(scene.folder) == before
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from vioapr.geometry import quaternion
+from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2
 from vioapr.simulation.courtyard.ground import LAWNS_M
 from vioapr.simulation.courtyard.layout import LAMP_PLACES_M
 from vioapr.simulation.courtyard.walks import (
     ENTRANCE_M,
-    GRAVITY_M_S2,
     ROUTES_M,
     SWAY_M,
     closed_route,
@@ -78,7 +78,7 @@ def test_the_imu_integrates_back_to_the_walk(motion):
     velocity = motion.position_m(times[0], 1)
     for turn, felt in zip(0.01 * gyro, force, strict=True):
         half = quaternion.multiply(quat, quaternion.from_rotvec(turn / 2))
-        acceleration = quaternion.rotate(half, felt) - np.array([0, 0, GRAVITY_M_S2])
+        acceleration = quaternion.rotate(half, felt) - np.array([0, 0, STANDARD_GRAVITY_M_S2])
         position += 0.01 * velocity + 0.5e-4 * acceleration
         velocity = velocity + 0.01 * acceleration
         quat = quaternion.multiply(quat, quaternion.from_rotvec(turn))

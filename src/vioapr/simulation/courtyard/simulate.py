@@ -42,7 +42,8 @@ def simulate(
     Raises:
         MissingExtraError: moderngl is not installed.
         RenderingError: This machine cannot render.
-        FormatError: There is a scene already, or it cannot be written.
+        AlreadyExistsError: There is a scene already.
+        UnwritableError: It cannot be written.
     """
     params = params or CourtyardParams()
     if seed < 0:

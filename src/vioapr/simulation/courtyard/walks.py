@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
-from vioapr.geometry.vectors import distance_along_m
+from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2, distance_along_m
 from vioapr.simulation.handheld import looking, smooth_noise
 
 ROUTES_M = {
@@ -59,7 +59,6 @@ ENTRANCE_M = (-13.9, 0.0)
 EYE_HEIGHT_M = 1.52
 """Of a phone that is held up."""
 IMU_RATE_HZ = 100.0
-GRAVITY_M_S2 = 9.81
 _KNOT_RATE_HZ = 50.0
 
 
@@ -89,7 +88,7 @@ class Motion:
 
     def specific_force_m_s2(self, timestamp_s: ArrayLike) -> NDArray[np.float64]:
         """What an accelerometer feels, in the axes of cam, shape (n, 3): up when at rest."""
-        felt = self.position_m(timestamp_s, 2) + np.array([0.0, 0.0, GRAVITY_M_S2])
+        felt = self.position_m(timestamp_s, 2) + np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
         cam_from_world = quaternion.inverse(self.world_from_cam(timestamp_s).quat_xyzw)
         return quaternion.rotate(cam_from_world, felt)
 
