@@ -41,6 +41,7 @@ from vioapr.scene.frames import Intrinsics, Tracking
 from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.map_summary import MapSummary
 from vioapr.trajectory import Trajectory, associate
 
 REDKITCHEN = Intrinsics(341, 256, 280.0, 280.0, 170.5, 128.0)
@@ -160,15 +161,15 @@ def run_scene(folder: Path, truth_folder: Path, params: MappingParams) -> dict[s
         summary = map_scene(scene, params, progress)
         seconds = time.perf_counter() - start
         truths, found = {}, {}
-        for id_, facts in summary["recordings"].items():
+        for id_, facts in summary.recordings.items():
             gt = scene.gt(id_)
-            if gt is not None and facts["registered"]:
+            if gt is not None and facts.registered:
                 truths[id_] = tum.read(truth_folder / f"{id_}.tum", ReadOptions())
                 found[id_] = gt
     results = {"seconds": seconds, **_facts(summary)}
     results["all"] = compare(list(truths.values()), list(found.values()))
     for split in ("train", "test"):
-        ids = [id_ for id_ in truths if summary["recordings"][id_]["split"] == split]
+        ids = [id_ for id_ in truths if summary.recordings[id_].split == split]
         if ids:
             results[split] = compare([truths[i] for i in ids], [found[i] for i in ids])
     return results
@@ -182,15 +183,15 @@ def _link(source: str, target: str) -> None:
         shutil.copy2(source, target)
 
 
-def _facts(summary: dict[str, Any]) -> dict[str, Any]:
-    recordings = summary["recordings"].values()
+def _facts(summary: MapSummary) -> dict[str, Any]:
+    recordings = summary.recordings.values()
     return {
-        "images": sum(facts["images"] for facts in recordings),
-        "registered": sum(facts["registered"] for facts in recordings),
-        "reprojection_px": summary["model"]["mean_reprojection_error_px"],
-        "gravity_spread_deg": summary["world"]["gravity_spread_deg"],
-        "scale_of_tracking_worlds": [s["relative"] for s in summary["world"]["scales"]],
-        "step_seconds": summary["seconds"],
+        "images": sum(facts.images for facts in recordings),
+        "registered": sum(facts.registered for facts in recordings),
+        "reprojection_px": summary.model.mean_reprojection_error_px,
+        "gravity_spread_deg": summary.world.gravity_spread_deg,
+        "scale_of_tracking_worlds": [s.relative for s in summary.world.scales],
+        "step_seconds": summary.seconds,
     }
 
 

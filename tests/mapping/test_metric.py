@@ -92,7 +92,7 @@ def test_the_world_is_vios_with_z_up(rng):
     """A model that is the tracking world itself, in other units: the world is known by hand."""
     vio = wander(rng, 30)
     model = vio._replace(translation_m=vio.translation_m / 5)
-    world_from_model = metric.place_in_world(model, vio, 5.0, UP_IN_VIO)
+    world_from_model = metric.align_with_world(model, vio, 5.0, UP_IN_VIO)
     placed = world_from_model.apply_to(model)
     x, y, z = vio.translation_m.T
     np.testing.assert_allclose(placed.translation_m, np.column_stack([x, -z, y]), atol=1e-6)
@@ -103,7 +103,7 @@ def test_the_world_is_vios_with_z_up(rng):
 @pytest.mark.parametrize("up", [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 def test_any_up_becomes_z(rng, up):
     vio, model = wander(rng, 30), wander(rng, 30)
-    placed = metric.place_in_world(model, vio, 1.0, np.array(up))
+    placed = metric.align_with_world(model, vio, 1.0, np.array(up))
     np.testing.assert_allclose(
         quaternion.rotate(placed.rigid.quat_xyzw, np.array(up)), [0, 0, 1], atol=1e-9
     )
@@ -113,9 +113,9 @@ def test_jumps_hardly_move_the_world(rng):
     model = wander(rng, 100)
     vio, vio_from_model = seen_by_vio(model, 1.0, rng)
     up = quaternion.rotate(vio_from_model.inverse().quat_xyzw, UP_IN_VIO)
-    clean = metric.place_in_world(model, vio, 1.0, up)
+    clean = metric.align_with_world(model, vio, 1.0, up)
     jumped = Rigid3(vio.translation_m.copy(), vio.quat_xyzw)
     jumped.translation_m[80:] += [50.0, 0.0, 0.0]
-    moved = metric.place_in_world(model, jumped, 1.0, up)
+    moved = metric.align_with_world(model, jumped, 1.0, up)
     assert rigid.distance_m(clean.rigid, moved.rigid) < 0.05
     assert rigid.angle_deg(clean.rigid, moved.rigid) < 1e-6

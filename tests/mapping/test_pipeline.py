@@ -20,6 +20,8 @@ from vioapr.mapping.pipeline import map_scene
 from vioapr.report.map_report import write_map_report
 from vioapr.scene.frames import Tracking
 from vioapr.scene.recording import FRAMES_FILE
+from vioapr.schemas.base import decode, to_plain
+from vioapr.schemas.map_summary import MapSummary
 from vioapr.simulation.rooms import ROOM_CAMERA, add_recording, textured_room, walk_arc
 from vioapr.simulation.trackers import track_without_drift, tracking_world
 
@@ -52,9 +54,7 @@ def test_the_map_is_metric_level_and_exact(mapped_room):
         assert np.median(rigid.angle_deg(poses, truth[id_].target_from_source)) < 0.2
     up = quaternion.rotate(placed.quat_xyzw, np.array([0.0, 0.0, 1.0]))
     assert np.degrees(np.arccos(up[2])) < 0.15
-    assert [s["relative"] for s in summary["world"]["scales"]] == pytest.approx(
-        [1.01, 0.99], abs=0.008
-    )
+    assert [s.relative for s in summary.world.scales] == pytest.approx([1.01, 0.99], abs=0.008)
     assert scene.world.is_metric
     assert scene.world.is_gravity_aligned
     assert scene.world.origin is None
@@ -64,9 +64,11 @@ def test_test_images_are_not_in_the_map(mapped_room):
     scene, summary, _ = mapped_room
     model = read_model(scene.map_folder, ReadOptions(sequence="a/images"))
     assert len(model) == 8
-    assert summary["model"]["images"] == 16
-    assert summary["recordings"]["t"]["registered"] == 4
-    assert json.loads((scene.map_folder / "map.json").read_text()) == summary
+    assert summary.model.images == 16
+    assert summary.recordings["t"].registered == 4
+    path = scene.map_folder / "map.json"
+    assert decode(path, path.read_text(), MapSummary) == summary
+    assert json.loads(path.read_text()) == to_plain(summary)
 
 
 def test_ground_truth_is_in_the_models_world(mapped_room):
@@ -101,11 +103,11 @@ def test_nothing_finished_is_done_again(mapped_room, copy_of):
     scene = copy_of(mapped_room[0])
     again = map_scene(scene, QUICK)
     steps = ["features", "matches", "near", "pruning", "model", "world", "test"]
-    assert again["reused_steps"] == steps
-    assert again["model"] == mapped_room[1]["model"]
+    assert again.reused_steps == steps
+    assert again.model == mapped_room[1].model
     other = map_scene(scene, MappingParams(**{**vars(QUICK), "mapper": "global"}))
-    assert other["reused_steps"] == ["features", "matches", "near", "pruning"]
-    assert other["recordings"]["a"]["registered"] == 8
+    assert other.reused_steps == ["features", "matches", "near", "pruning"]
+    assert other.recordings["a"].registered == 8
 
 
 @pytest.mark.slow
@@ -148,8 +150,8 @@ def test_a_killed_run_resumes(room, copy_of, title, count, reused):
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()
     assert (scene.folder / "map" / "old").read_text() == "earlier result"
     summary = map_scene(scene, QUICK)
-    assert summary["reused_steps"] == reused
-    assert [facts["registered"] for facts in summary["recordings"].values()] == [8, 8, 4]
+    assert summary.reused_steps == reused
+    assert [facts.registered for facts in summary.recordings.values()] == [8, 8, 4]
     assert not (scene.folder / "map" / "old").exists()
 
 
@@ -163,10 +165,10 @@ def test_recordings_that_share_no_view(room, copy_of):
         map_scene(scene, QUICK)
     assert not (scene.folder / "map").exists()
     summary = map_scene(scene, MappingParams(**{**vars(QUICK), "allow_partial": True}))
-    lost = summary["recordings"]["elsewhere"]
-    assert (lost["registered"], len(lost["unregistered"])) == (0, 8)
+    lost = summary.recordings["elsewhere"]
+    assert (lost.registered, len(lost.unregistered)) == (0, 8)
     assert scene.gt("elsewhere") is None
-    assert summary["recordings"]["b"]["registered"] == 8
+    assert summary.recordings["b"].registered == 8
 
 
 def test_images_that_cannot_be_read_are_named(room, copy_of):
@@ -176,12 +178,12 @@ def test_images_that_cannot_be_read_are_named(room, copy_of):
     (folder / "0005.jpg").write_bytes((folder / "0005.jpg").read_bytes()[:2000])
     Image.new("L", (320, 240), 128).save(folder / "0000.jpg")
     summary = map_scene(scene, QUICK)
-    facts = summary["recordings"]["a"]
-    assert (facts["images"], facts["registered"]) == (8, 5)
-    assert "no file of this name" in facts["unusable"]["a/images/0003.jpg"]
-    assert "truncated" in facts["unusable"]["a/images/0005.jpg"]
-    assert "no features" in facts["unusable"]["a/images/0000.jpg"]  # an even grey
-    assert facts["unregistered"] == []
+    facts = summary.recordings["a"]
+    assert (facts.images, facts.registered) == (8, 5)
+    assert "no file of this name" in facts.unusable["a/images/0003.jpg"]
+    assert "truncated" in facts.unusable["a/images/0005.jpg"]
+    assert "no features" in facts.unusable["a/images/0000.jpg"]  # an even grey
+    assert facts.unregistered == []
 
 
 def spoil_tracking(scene, id_):
@@ -197,8 +199,8 @@ def test_tracking_lost_throughout(mapped_room, copy_of):
     scene = copy_of(mapped_room[0])
     spoil_tracking(scene, "a")
     summary = map_scene(scene, QUICK)  # b still knows scale and up
-    assert summary["recordings"]["a"]["registered"] == 8
-    assert [s["recording"] for s in summary["world"]["scales"]] == ["b"]
+    assert summary.recordings["a"].registered == 8
+    assert [s.recording for s in summary.world.scales] == ["b"]
     before = (scene.map_folder / "map.json").read_bytes()
     spoil_tracking(scene, "b")
     with pytest.raises(MappingError, match="scale and up are not known"):
@@ -245,4 +247,4 @@ def test_a_full_disk_spares_what_was_there(room, copy_of, limit_kb):
     assert b"clear message" in done.stdout, done.stderr.decode()
     assert (scene.folder / "map" / "old").read_text() == "earlier result"
     summary = map_scene(scene, QUICK)
-    assert summary["recordings"]["t"]["registered"] == 4
+    assert summary.recordings["t"].registered == 4

@@ -4,7 +4,7 @@ from tests.helpers import random_rigid
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.outliers import find_breaks, find_misplaced, with_bad_worlds
-from vioapr.mapping.vio_interpolation import carry_by_vio
+from vioapr.mapping.vio_interpolation import interpolate_by_vio
 from vioapr.scene.frames import Frames, Intrinsics, Tracking
 
 NO_CAMERA = Intrinsics(*(np.full(20, np.nan) for _ in range(6)))
@@ -28,7 +28,7 @@ def test_frames_between_are_carried_exactly(rng):
     vio = smooth()
     world = random_rigid(rng) @ vio
     mapped = np.array([0, 4, 8, 18])
-    rows, poses = carry_by_vio(recorded(vio), mapped, world.at(mapped))
+    rows, poses = interpolate_by_vio(recorded(vio), mapped, world.at(mapped))
     assert rows.tolist() == [1, 2, 3, 5, 6, 7]  # the last gap is 2.5 s long
     assert rigid.distance_m(poses, world.at(rows)).max() < 1e-9
     assert rigid.angle_deg(poses, world.at(rows)).max() < 1e-4
@@ -40,7 +40,7 @@ def test_nothing_is_carried_over_a_jump_a_loss_or_a_new_world(rng):
     mapped = np.array([0, 4, 8, 12])
     jumped = Rigid3(vio.translation_m.copy(), vio.quat_xyzw)
     jumped.translation_m[6:] += [0.2, 0.0, 0.0]
-    rows, _ = carry_by_vio(recorded(jumped), mapped, world.at(mapped))
+    rows, _ = interpolate_by_vio(recorded(jumped), mapped, world.at(mapped))
     assert rows.tolist() == [1, 2, 3, 9, 10, 11]
     for state in (Tracking.RESET, Tracking.LOST):
         states = [Tracking.NORMAL] * 20
@@ -48,12 +48,12 @@ def test_nothing_is_carried_over_a_jump_a_loss_or_a_new_world(rng):
         poses = Rigid3(vio.translation_m.copy(), vio.quat_xyzw.copy())
         if state == Tracking.LOST:
             poses.translation_m[6], poses.quat_xyzw[6] = np.nan, np.nan
-        rows, _ = carry_by_vio(recorded(poses, states), mapped, world.at(mapped))
+        rows, _ = interpolate_by_vio(recorded(poses, states), mapped, world.at(mapped))
         assert rows.tolist() == [1, 2, 3, 9, 10, 11]
 
 
 def test_too_few_mapped_frames_carry_nothing():
-    rows, poses = carry_by_vio(recorded(smooth()), np.array([3]), smooth().at(slice(3, 4)))
+    rows, poses = interpolate_by_vio(recorded(smooth()), np.array([3]), smooth().at(slice(3, 4)))
     assert len(rows) == len(poses.translation_m) == 0
 
 

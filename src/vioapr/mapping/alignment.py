@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,20 +10,21 @@ from numpy.typing import NDArray
 
 from vioapr.errors import MappingError
 from vioapr.geometry.rigid import Rigid3, stack
+from vioapr.geometry.tree import tree_map
 from vioapr.geometry.umeyama import Sim3
 from vioapr.mapping import metric
-from vioapr.mapping.colmap import load_pycolmap, world_from_cam
-from vioapr.mapping.georeference import Georeference, georeference
+from vioapr.mapping.colmap import load_pycolmap, registered_images, world_from_cam
+from vioapr.mapping.georeference import Fixes, georeference
 from vioapr.mapping.inputs import MapImages
-from vioapr.mapping.reconstruct import registered_images
 from vioapr.scene.sensors import Gnss
+from vioapr.schemas.map_summary import Georeference, GravityOffset, ScaleSummary, WorldSummary
 
 MAX_FIX_GAP_S = 2.0
 """Satellite positions between images further apart are left out."""
 
 
-def place_model(model: Any, images: MapImages, gnss: Mapping[str, Gnss]) -> dict[str, Any]:
-    """Move a model into the world, in place.
+def align_model(model: Any, images: MapImages, gnss: Mapping[str, Gnss]) -> WorldSummary:
+    """Move a model into the world, in place: by VIO, then by satellites where there are any.
 
     Args:
         model: COLMAP's reconstruction, as structure from motion left it.
@@ -32,7 +32,7 @@ def place_model(model: Any, images: MapImages, gnss: Mapping[str, Gnss]) -> dict
         gnss: Satellite positions of the training recordings, by id.
 
     Returns:
-        What VIO said of scale and gravity, and satellites of the place on earth, as plain data.
+        What VIO says of scale and gravity, and satellites of the place on earth.
 
     Raises:
         MappingError: VIO says nothing about the scale.
@@ -46,80 +46,102 @@ def place_model(model: Any, images: MapImages, gnss: Mapping[str, Gnss]) -> dict
         )
     rows, poses = rows[is_trusted], poses.at(is_trusted)
     vio, worlds = images.vio_from_cam.at(rows), images.tracking_world[rows]
-    is_metric, has_up = _where_any(images.is_metric[rows]), _where_any(images.is_level[rows])
+    # Where no recording is metric, or level, all are taken: the map is then as wrong as they
+    # are, and says so.
+    is_metric, is_level = images.is_metric[rows], images.is_level[rows]
+    has_scale = is_metric if is_metric.any() else ~is_metric
+    has_up = is_level if is_level.any() else ~is_level
     scales = metric.estimate_scales(
-        poses.at(is_metric), vio.at(is_metric), worlds[is_metric],
-        images.timestamp_s[rows[is_metric]],
+        poses.at(has_scale), vio.at(has_scale), worlds[has_scale],
+        images.timestamp_s[rows[has_scale]],
     )  # fmt: skip
     scale = metric.mean_scale(scales)
     gravity = metric.estimate_gravity(poses.at(has_up), vio.at(has_up), worlds[has_up])
     is_first = worlds == worlds[has_up][0]
-    _transform(
-        model, metric.place_in_world(poses.at(is_first), vio.at(is_first), scale, gravity.up)
+    world_from_model = metric.align_with_world(
+        poses.at(is_first), vio.at(is_first), scale, gravity.up
     )
-    geo = _georeference(model, images, gnss)
+    transform_model(model, world_from_model)
+
+    fixes = find_fixes(*poses_of_model(model, images), images, gnss)
+    geo = None if fixes is None else georeference(fixes)
     if isinstance(geo, Georeference):
         half = np.radians(geo.enu_heading_deg) / 2
         about_z = np.array([0.0, 0.0, np.sin(half), np.cos(half)])
-        _transform(model, Sim3(np.array(1.0), Rigid3(np.zeros(3), about_z)))
-    return {
-        "is_metric": bool(images.is_metric[rows].any()),
-        "is_gravity_aligned": bool(images.is_level[rows].any()),
-        "scales": [dataclasses.asdict(s) for s in scales],
-        "metres_per_unit": scale,
-        "gravity_spread_deg": gravity.spread_deg,
-        "gravity_p95_deg": gravity.p95_deg,
-        "gravity_offset_deg": gravity.world_offset_deg,
-        "georeference": dataclasses.asdict(geo) if isinstance(geo, Georeference) else geo,
+        transform_model(model, Sim3(np.array(1.0), Rigid3(np.zeros(3), about_z)))
+
+    ids = {
+        int(world): images.ids[images.recording[np.argmax(images.tracking_world == world)]]
+        for world in np.unique(worlds)
     }
-
-
-def _where_any(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The good ones; if there is none, all: the map is then as wrong as they are, and says so."""
-    return good if good.any() else np.ones_like(good)
+    return WorldSummary(
+        is_metric=bool(is_metric.any()),
+        is_gravity_aligned=bool(is_level.any()),
+        scales=[
+            ScaleSummary(
+                **vars(each), recording=ids[each.world], relative=each.metres_per_unit / scale
+            )
+            for each in scales
+        ],
+        metres_per_unit=scale,
+        gravity_spread_deg=gravity.spread_deg,
+        gravity_p95_deg=gravity.p95_deg,
+        gravity_offset_deg=[
+            GravityOffset(world=number, recording=ids[number], offset_deg=offset)
+            for number, offset in gravity.world_offset_deg.items()
+        ],
+        georeference=geo,
+    )
 
 
 def poses_of_model(model: Any, images: MapImages) -> tuple[NDArray[np.intp], Rigid3]:
-    """Rows of a model's images, and their poses in its world."""
+    """Rows of a model's images, in order, and their poses in its world."""
     mapped = registered_images(model)
     rows = np.array([k for k, name in enumerate(images.names) if name in mapped], dtype=np.intp)
     return rows, stack([world_from_cam(mapped[images.names[k]]) for k in rows])
 
 
-def _transform(model: Any, new_from_old: Sim3) -> None:
+def transform_model(model: Any, new_from_old: Sim3) -> None:
+    """Move a model into another world, in place."""
     pycolmap = load_pycolmap()
     offset, quat = new_from_old.rigid
     rotation = pycolmap.Rotation3d(quat)
     model.transform(pycolmap.Sim3d(float(new_from_old.scale), rotation, offset))
 
 
-def _georeference(
-    model: Any, images: MapImages, gnss: Mapping[str, Gnss]
-) -> Georeference | str | None:
-    """By the satellite positions of all recordings; None where there are none."""
-    rows, poses = poses_of_model(model, images)
-    columns = []
+def find_fixes(
+    rows: NDArray[np.intp], poses: Rigid3, images: MapImages, gnss: Mapping[str, Gnss]
+) -> Fixes | None:
+    """The satellite positions of all recordings, with the map's positions at their times.
+
+    Args:
+        rows: The registered images, in order.
+        poses: Theirs, world_from_cam.
+        images: All images.
+        gnss: By id of the recording.
+
+    Returns:
+        Those between registered images that are close in time; None if no recording has any
+        satellite position.
+    """
+    parts = []
     for number, (id_, fixes) in enumerate(gnss.items()):
         is_own = images.recording[rows] == images.ids.index(id_)
-        if len(fixes) and is_own.sum() >= 2:
-            times = images.timestamp_s[rows[is_own]]
-            columns.append(_fixes(fixes, times, poses.translation_m[is_own], number))
-    if not columns:
-        return None
-    return georeference(*(np.concatenate(column) for column in zip(*columns, strict=True)))
-
-
-def _fixes(
-    gnss: Gnss, timestamp_s: NDArray[np.float64], position_m: NDArray[np.float64], number: int
-) -> tuple[NDArray[np.float64], ...]:
-    """The arguments of `georeference` for one recording."""
-    at = gnss.timestamp_s
-    after = np.searchsorted(timestamp_s, at).clip(1, len(timestamp_s) - 1)
-    gap = timestamp_s[after] - timestamp_s[after - 1]
-    kept = (at >= timestamp_s[0]) & (at <= timestamp_s[-1]) & (gap <= MAX_FIX_GAP_S)
-    where = np.column_stack([np.interp(at, timestamp_s, column) for column in position_m.T])
-    # Clocks of recordings may overlap; their fixes are independent all the same.
-    clock = at - timestamp_s[0] + 1e6 * number
-    values = (where, gnss.latitude_deg, gnss.longitude_deg, gnss.altitude_m,
-              gnss.horizontal_sigma_m, clock)  # fmt: skip
-    return tuple(value[kept] for value in values)
+        if not len(fixes) or is_own.sum() < 2:
+            continue
+        time_s, position_m = images.timestamp_s[rows[is_own]], poses.translation_m[is_own]
+        at_s = fixes.timestamp_s
+        after = np.searchsorted(time_s, at_s).clip(1, len(time_s) - 1)
+        is_near = time_s[after] - time_s[after - 1] <= MAX_FIX_GAP_S
+        is_near &= (at_s >= time_s[0]) & (at_s <= time_s[-1])
+        part = Fixes(
+            np.column_stack([np.interp(at_s, time_s, column) for column in position_m.T]),
+            fixes.latitude_deg,
+            fixes.longitude_deg,
+            fixes.altitude_m,
+            fixes.horizontal_sigma_m,
+            # Clocks of recordings may overlap; their fixes are independent all the same.
+            at_s - time_s[0] + 1e6 * number,
+        )
+        parts.append(tree_map(lambda column, kept=is_near: column[kept], part))
+    return tree_map(lambda *columns: np.concatenate(columns), *parts) if parts else None

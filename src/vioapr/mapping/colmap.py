@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -58,6 +59,33 @@ def translated_errors(path: Path) -> Iterator[None]:
             f"{path}: COLMAP failed: {reason[:300]} (is the disk full? what was finished before is "
             "kept: run again to resume)"
         ) from None
+
+
+def read_model(folder: Path) -> Any:
+    """A reconstruction.
+
+    Raises:
+        MappingError: It cannot be read.
+    """
+    with translated_errors(folder):
+        return load_pycolmap().Reconstruction(folder)
+
+
+def write_model(model: Any, folder: Path) -> None:
+    """Write a reconstruction; what is in the folder is replaced.
+
+    Raises:
+        MappingError: It cannot be written.
+    """
+    with translated_errors(folder):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        model.write(folder)
+
+
+def registered_images(model: Any) -> dict[str, Any]:
+    """The images of a reconstruction that have a pose, by name."""
+    return {image.name: image for image in model.images.values() if image.has_pose}
 
 
 def world_from_cam(image: pycolmap.Image) -> Rigid3:

@@ -19,7 +19,7 @@ CHUNK = 16
 
 PEAK_THRESHOLD = 0.002
 """Contrast from which a feature counts. COLMAP's 0.0067 finds too few in small pictures and dull
-light: a third fewer, and fewer pairs that match (docs/mapping.md)."""
+light: a third fewer, and fewer pairs that match (docs/design/mapping.md)."""
 
 GUESSED_FOCAL = 1.2
 """Focal length by the longer side of images whose intrinsics are not known, as COLMAP guesses."""
@@ -49,7 +49,10 @@ def extract_features(
     """
     pycolmap = load_pycolmap()
     with open_database(path) as database:
-        camera_ids = _write_cameras(database, images.cameras)
+        # The first cameras are there already if an earlier run was interrupted.
+        camera_ids = sorted(camera.camera_id for camera in database.read_all_cameras())
+        new = images.cameras[len(camera_ids) :]
+        camera_ids += [database.write_camera(make_camera(camera)) for camera in new]
         done = _names_with_features(database)
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = params.max_image_size
@@ -79,13 +82,6 @@ def extract_features(
         done = _names_with_features(database)
     missing = [name for name in images.names if name not in done]
     return dict.fromkeys(missing, "cannot be decoded, or has no features")
-
-
-def _write_cameras(database: Any, cameras: tuple[CameraGroup, ...]) -> list[int]:
-    """Numbers of the cameras; those of an interrupted run are there already."""
-    known = sorted(camera.camera_id for camera in database.read_all_cameras())
-    new = [database.write_camera(make_camera(camera)) for camera in cameras[len(known) :]]
-    return known + new
 
 
 def make_camera(group: CameraGroup) -> Any:

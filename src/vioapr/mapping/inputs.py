@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError, MappingError
 from vioapr.files.images import probe_image
 from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.tree import tree_map
 from vioapr.scene.frames import Frames, Tracking
 from vioapr.scene.recording import FRAMES_FILE, IMAGES_FOLDER, Recording
 from vioapr.scene.scene import SCENE_FILE, Scene
@@ -101,7 +102,7 @@ def collect_images(scene: Scene, max_rate_hz: float = 0.0) -> MapImages:
 
     Args:
         scene: The scene.
-        max_rate_hz: So many a second at most; 0 for all.
+        max_rate_hz: Largest number of images a second of each; 0 for all.
 
     Raises:
         FormatError: A recording is broken, or has no image that can be read.
@@ -113,7 +114,7 @@ def collect_images(scene: Scene, max_rate_hz: float = 0.0) -> MapImages:
             f"{scene.folder / SCENE_FILE}: expected training recordings in splits.train, got none: "
             "a map is made of them"
         )
-    parts, unusable, digest = [], {}, hashlib.sha256()
+    parts, digest = [], hashlib.sha256()
     for index, id_ in enumerate(ids):
         recording = scene.recording(id_)
         if not recording.info.has_images:
@@ -121,13 +122,29 @@ def collect_images(scene: Scene, max_rate_hz: float = 0.0) -> MapImages:
                 f"{recording.folder}: this recording has no images, only poses: take it out of the "
                 "splits to map the others"
             )
-        part, problems = _collect(recording, index, max_rate_hz, digest)
-        unusable |= problems
-        parts.append(part)
-    return _join(parts, ids, digest.hexdigest(), unusable)
+        parts.append(read_images(recording, index, max_rate_hz))
+        digest.update(parts[-1].identity)
+    return join_recordings(parts, ids, digest.hexdigest())
 
 
-class _Part(NamedTuple):
+class RecordingImages(NamedTuple):
+    """Images of one recording, in order of time; see `MapImages`.
+
+    Attributes:
+        names: Paths below the scene's `recordings`.
+        recording: The recording's index, for every image.
+        timestamp_s: Shape (n,).
+        tracking_world: Shape (n,), counted from 0 within the recording.
+        vio_from_cam: Shape (n,).
+        is_tracked: Shape (n,).
+        is_metric: Shape (n,).
+        is_level: Shape (n,).
+        cameras: The camera of every image.
+        frame_row: Shape (n,).
+        unusable: Names of images that cannot be read, and why.
+        identity: Differs where any file is another.
+    """
+
     names: list[str]
     recording: NDArray[np.intp]
     timestamp_s: NDArray[np.float64]
@@ -138,16 +155,26 @@ class _Part(NamedTuple):
     is_level: NDArray[np.bool_]
     cameras: list[CameraGroup]
     frame_row: NDArray[np.intp]
+    unusable: dict[str, str]
+    identity: bytes
 
 
-def _collect(
-    recording: Recording, index: int, max_rate_hz: float, digest: Any
-) -> tuple[_Part, dict[str, str]]:
+def read_images(recording: Recording, index: int, max_rate_hz: float) -> RecordingImages:
+    """Look at a recording's images; they are not decoded.
+
+    Args:
+        recording: The recording.
+        index: Its index among those to be mapped.
+        max_rate_hz: Largest number of images a second; 0 for all.
+
+    Raises:
+        FormatError: No image can be read.
+    """
     frames = recording.frames
     path = recording.folder / FRAMES_FILE
-    digest.update(f"{recording.id} {recording.info}\n".encode() + path.read_bytes())
+    identity = [f"{recording.id} {recording.info}\n".encode() + path.read_bytes()]
     rows, sizes, unusable = [], [], {}
-    for row in _thin(frames, max_rate_hz):
+    for row in thin_frames(frames, max_rate_hz):
         image = recording.image_path(row)
         name = f"{recording.id}/{IMAGES_FOLDER}/{frames.image[row]}"
         probe = probe_image(image)
@@ -155,7 +182,7 @@ def _collect(
             unusable[name] = probe.problem
             continue
         status = image.stat()
-        digest.update(f"{name} {status.st_size} {status.st_mtime_ns}\n".encode())
+        identity.append(f"{name} {status.st_size} {status.st_mtime_ns}\n".encode())
         rows.append(row)
         sizes.append((probe.width, probe.height))
     if not rows:
@@ -163,24 +190,25 @@ def _collect(
         example = f", e.g. {first[0]}: {first[1]}" if first else ""
         raise FormatError(path, f"expected images, got none that can be read{example}")
     kept = frames.at_rows(np.array(rows))
-    part = _Part(
+    return RecordingImages(
         [f"{recording.id}/{IMAGES_FOLDER}/{name}" for name in kept.image],
         np.full(len(kept), index),
         kept.timestamp_s,
-        # Counted over all frames: where the tracker began anew may be between those kept.
+        # Counted over all frames: the tracker may have restarted between those kept.
         frames.tracking_world[rows].astype(np.intp),
         kept.vio_from_cam,
         kept.has_pose & (kept.tracking != Tracking.LIMITED) & (not recording.info.is_diverging),
         np.full(len(kept), recording.info.is_metric),
         np.full(len(kept), recording.info.is_gravity_aligned),
-        _group_cameras(sizes, np.column_stack([np.asarray(c) for c in kept.intrinsics])),
+        group_cameras(sizes, np.column_stack([np.asarray(c) for c in kept.intrinsics])),
         np.array(rows, dtype=np.intp),
+        unusable,
+        b"".join(identity),
     )
-    return part, unusable
 
 
-def _thin(frames: Frames, max_rate_hz: float) -> list[int]:
-    """Frames with an image, so far apart in time as the rate says."""
+def thin_frames(frames: Frames, max_rate_hz: float) -> list[int]:
+    """Choose rows of frames with an image, so that there are no more a second than the rate."""
     rows = np.flatnonzero(frames.has_image).tolist()
     if max_rate_hz == 0:
         return rows
@@ -193,8 +221,14 @@ def _thin(frames: Frames, max_rate_hz: float) -> list[int]:
     return kept
 
 
-def _group_cameras(sizes: list[tuple[int, int]], values: NDArray[np.float64]) -> list[CameraGroup]:
-    """The camera of each image; images of about the same focal length share one."""
+def group_cameras(sizes: list[tuple[int, int]], values: NDArray[np.float64]) -> list[CameraGroup]:
+    """Find the camera of each image; images of about the same focal length share one.
+
+    Args:
+        sizes: Width and height of each image file.
+        values: Intrinsics as the frames have them: width, height, fx, fy, cx, cy; shape (n, 6),
+            NaN where not known.
+    """
     # Intrinsics are of the image as stored; a file of another size is scaled by its width.
     scale = np.array([width for width, _ in sizes]) / np.where(
         np.isfinite(values[:, 0]), values[:, 0], [width for width, _ in sizes]
@@ -212,41 +246,44 @@ def _group_cameras(sizes: list[tuple[int, int]], values: NDArray[np.float64]) ->
     return [groups[key] for key in keys]
 
 
-def _join(
-    parts: list[_Part], ids: tuple[str, ...], fingerprint: str, unusable: dict[str, str]
+def join_recordings(
+    parts: list[RecordingImages], ids: tuple[str, ...], fingerprint: str
 ) -> MapImages:
+    """Put the images of all recordings together.
+
+    Args:
+        parts: Of every recording.
+        ids: The recordings' ids.
+        fingerprint: Of all files.
+    """
     worlds, first = [], 0
     for part in parts:
         worlds.append(part.tracking_world + first)
         first = int(worlds[-1].max()) + 1
-    groups = [_with_recording(part, k) for k, part in enumerate(parts)]
-    keys = [key for group in groups for key in group]
-    unique = list(dict.fromkeys(keys))
+    # Known cameras are a recording's own, unknown ones go by their size: so the test recordings
+    # profit from what the training recordings find of an unknown one.
+    cameras = [
+        (index if camera.fx is not None else -1, camera)
+        for index, part in enumerate(parts)
+        for camera in part.cameras
+    ]
+    unique = list(dict.fromkeys(cameras))
     number = {key: k for k, key in enumerate(unique)}
     return MapImages(
-        tuple(name for part in parts for name in part.names),
-        np.concatenate([part.recording for part in parts]),
-        ids,
-        np.concatenate([part.timestamp_s for part in parts]),
-        np.concatenate(worlds),
-        Rigid3(
-            np.concatenate([part.vio_from_cam.translation_m for part in parts]),
-            np.concatenate([part.vio_from_cam.quat_xyzw for part in parts]),
+        names=tuple(name for part in parts for name in part.names),
+        recording=np.concatenate([part.recording for part in parts]),
+        ids=ids,
+        timestamp_s=np.concatenate([part.timestamp_s for part in parts]),
+        tracking_world=np.concatenate(worlds),
+        vio_from_cam=tree_map(
+            lambda *columns: np.concatenate(columns), *(part.vio_from_cam for part in parts)
         ),
-        np.concatenate([part.is_tracked for part in parts]),
-        np.concatenate([part.is_metric for part in parts]),
-        np.concatenate([part.is_level for part in parts]),
-        np.array([number[key] for key in keys], dtype=np.intp),
-        tuple(camera for _, camera in unique),
-        fingerprint,
-        np.concatenate([part.frame_row for part in parts]),
-        unusable,
+        is_tracked=np.concatenate([part.is_tracked for part in parts]),
+        is_metric=np.concatenate([part.is_metric for part in parts]),
+        is_level=np.concatenate([part.is_level for part in parts]),
+        camera=np.array([number[key] for key in cameras], dtype=np.intp),
+        cameras=tuple(camera for _, camera in unique),
+        fingerprint=fingerprint,
+        frame_row=np.concatenate([part.frame_row for part in parts]),
+        unusable={name: why for part in parts for name, why in part.unusable.items()},
     )
-
-
-def _with_recording(part: _Part, index: int) -> list[tuple[int, CameraGroup]]:
-    """What tells cameras apart: known ones are a recording's own, unknown ones go by their size.
-
-    So the test recordings profit from what the training recordings find of an unknown one.
-    """
-    return [(index if camera.fx is not None else -1, camera) for camera in part.cameras]

@@ -22,7 +22,7 @@ MAX_DISTANCE_M = 30.0
 """Cameras further apart hardly have matches."""
 
 DISTANCE_FACTOR = 3.0
-"""By so much the distance between two cameras may be another than their matches say."""
+"""The factor by which the distance between two cameras may differ from what their matches say."""
 
 MAX_TILT_DEG = 5.0
 """VIO's gravity is exact to tenths of degrees, the rotation between two images to a few."""
@@ -30,8 +30,8 @@ MAX_TILT_DEG = 5.0
 JOIN_HEADING_DEG, JOIN_M, JOIN_SHARE = 10.0, 1.0, 0.1
 """A pair agrees with a placement of its tracking worlds to this; both have drifted."""
 
-MIN_PAIRS = 3
-"""So many must agree before a tracking world is placed."""
+MIN_AGREEING_PAIRS = 3
+"""A tracking world is placed only where this many pairs of images agree on the place."""
 
 DRAWS = 1000
 
@@ -136,13 +136,13 @@ def join_worlds(
             links = link(found, distance_m, poses)
             best = max(
                 (
-                    _place(links, joined[found.rows], is_usable, group, world, rng)
+                    place_world(links, joined[found.rows], is_usable, group, world, rng)
                     for world in sorted(open_worlds)
                 ),
                 key=lambda placement: placement.support,
                 default=None,
             )
-            if best is None or best.support < MIN_PAIRS:
+            if best is None or best.support < MIN_AGREEING_PAIRS:
                 break
             members = images.tracking_world == best.world
             turned = about_up(np.array(best.heading_deg))
@@ -162,24 +162,45 @@ def can_be_joined(images: MapImages, found: PairGeometries) -> NDArray[np.bool_]
     return is_good[first] & is_good[second]
 
 
-class _Placement(NamedTuple):
+class Placement(NamedTuple):
+    """Where a tracking world is in a joined world, both with y up.
+
+    Attributes:
+        world: The tracking world's number.
+        support: Number of pairs that agree.
+        heading_deg: What it is turned by about y.
+        offset_m: Then moved by, shape (3,).
+    """
+
     world: int
     support: int
     heading_deg: float
     offset_m: NDArray[np.float64]
 
 
-def _place(
+def place_world(
     links: Links, worlds: NDArray[np.intp], is_usable: NDArray[np.bool_], group: int, world: int,
     rng: np.random.Generator,
-) -> _Placement:  # fmt: skip
-    """Where a tracking world is in a group, by the pairs between them."""
+) -> Placement:  # fmt: skip
+    """Find where a tracking world is in a joined world, by the pairs between them (RANSAC).
+
+    Args:
+        links: All pairs.
+        worlds: The joined worlds that their images are in, shape (m, 2).
+        is_usable: Shape (m,).
+        group: The joined world.
+        world: The tracking world.
+        rng: Of the draws.
+
+    Returns:
+        The placement, with support 0 if there is none.
+    """
     is_good = is_usable & (links.tilt_deg <= MAX_TILT_DEG)
     forth = links.at(is_good & (worlds == (group, world)).all(axis=1))
     back = links.at(is_good & (worlds == (world, group)).all(axis=1)).reversed()
     both = Links(*map(np.concatenate, zip(forth, back, strict=True)))
-    nothing = _Placement(world, 0, 0.0, np.zeros(3))
-    if len(both.start_m) < MIN_PAIRS:
+    nothing = Placement(world, 0, 0.0, np.zeros(3))
+    if len(both.start_m) < MIN_AGREEING_PAIRS:
         return nothing
     # Draws of two pairs: their mean heading, and where their lines are nearest to each other.
     one, other = rng.integers(0, len(both.start_m), (2, DRAWS))
@@ -190,10 +211,10 @@ def _place(
         return nothing
     heading_deg = both.heading_deg[one] + apart / 2
     turned_m = quaternion.rotate(about_up(heading_deg)[:, None], both.end_m)
-    offsets_m = _meet(both, turned_m, one, other)
+    offsets_m = meeting_offsets_m(both, turned_m, one, other)
     is_near = _agrees(both, heading_deg, turned_m + offsets_m[:, None])
     best = int(np.argmax(is_near.sum(axis=1)))
-    return _refine(both, _Placement(world, 0, float(heading_deg[best]), offsets_m[best]))
+    return refine_placement(both, Placement(world, 0, float(heading_deg[best]), offsets_m[best]))
 
 
 def _apart_deg(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -210,10 +231,20 @@ def _agrees(
     return is_near & (np.abs(apart) <= JOIN_HEADING_DEG)
 
 
-def _meet(
+def meeting_offsets_m(
     links: Links, turned_m: NDArray[np.float64], one: NDArray[np.intp], other: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """The offset at which two pairs' pieces of lines are nearest to each other, shape (d, 3)."""
+    """Find the offsets at which two pairs' pieces of lines are nearest to each other.
+
+    Args:
+        links: The pairs, m of them.
+        turned_m: Their second cameras, turned as each draw says, shape (d, m, 3).
+        one: The first pair of each draw, shape (d,).
+        other: The second, shape (d,).
+
+    Returns:
+        Shape (d, 3).
+    """
     draw = np.arange(len(one))
     start = [links.start_m[rows] - turned_m[draw, rows] for rows in (one, other)]
     way = [links.direction[rows] for rows in (one, other)]
@@ -228,8 +259,8 @@ def _meet(
     return (start[0] + first[:, None] * way[0] + start[1] + second[:, None] * way[1]) / 2
 
 
-def _refine(links: Links, placement: _Placement) -> _Placement:
-    """The mean of the pairs that agree, a few times over."""
+def refine_placement(links: Links, placement: Placement) -> Placement:
+    """Move a placement to the median of the pairs that agree with it, until these stay."""
     for _ in range(5):
         turned_m = quaternion.rotate(about_up(np.array(placement.heading_deg)), links.end_m)
         placed_m = turned_m + placement.offset_m

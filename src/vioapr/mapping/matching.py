@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,25 +69,25 @@ def match_pairs(
 
 
 def count_inliers(path: Path, images: MapImages, pairs: Pairs) -> NDArray[np.intp]:
-    """Verified matches of every pair, shape (m,)."""
+    """Count the verified matches of every pair, shape (m,).
+
+    Raises:
+        MappingError: The database cannot be read.
+    """
+    counts = np.zeros(len(pairs), dtype=np.intp)
     with open_database(path) as database:
         ids = image_ids(database)
-        return np.array(
-            [_inliers(database, ids[images.names[a]], ids[images.names[b]]) for a, b in pairs],
-            dtype=np.intp,
-        )
-
-
-def _inliers(database: Any, first: int, second: int) -> int:
-    if not database.exists_two_view_geometry(first, second):
-        return 0
-    return len(database.read_two_view_geometry(first, second).inlier_matches)
+        for k, rows in enumerate(pairs):
+            pair = [ids[images.names[row]] for row in rows]
+            if database.exists_two_view_geometry(*pair):
+                counts[k] = len(database.read_two_view_geometry(*pair).inlier_matches)
+    return counts
 
 
 def find_islands(
     images: MapImages, pairs: Pairs, inliers: NDArray[np.intp], ids: Sequence[str]
 ) -> list[list[str]]:
-    """Which recordings see common things: groups of ids, the largest group of images first.
+    """Group the recordings that see common things: ids, the largest group of images first.
 
     Two recordings are of one group if images of the one match images of the other, directly or
     by way of further recordings.

@@ -7,7 +7,7 @@ seconds apart, gravity from the up directions of all frames, both by medians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from vioapr.geometry.averaging import geometric_median
 from vioapr.geometry.frames import z_up_from_y_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.umeyama import Sim3
+from vioapr.geometry.vectors import angle_between_deg, path_length_m
 
 SPAN_S = 15.0
 """Frames further apart in time do not say much about scale: VIO turns meanwhile."""
@@ -74,7 +75,7 @@ def estimate_scales(
     tracking_world: NDArray[np.integer],
     timestamp_s: NDArray[np.float64],
 ) -> list[WorldScale]:
-    """Scale by every tracking world; outliers are marked.
+    """Estimate the scale by every tracking world; outliers are marked.
 
     Args:
         model_from_cam: Poses of the registered images that have trusted VIO poses, shape (n,).
@@ -85,25 +86,37 @@ def estimate_scales(
     scales = []
     for world in np.unique(tracking_world):
         rows = np.flatnonzero(tracking_world == world)
-        if len(rows) < MIN_IMAGES:
-            continue
-        scale = _world_scale(
-            int(world),
-            model_from_cam.translation_m[rows],
-            vio_from_cam.translation_m[rows],
-            timestamp_s[rows],
-        )
+        model, vio_m = model_from_cam.translation_m[rows], vio_from_cam.translation_m[rows]
+        scale = estimate_scale(int(world), model, vio_m, timestamp_s[rows])
         if scale is not None:
             scales.append(scale)
-    return _mark_outliers(scales)
+    if len(scales) < 3:
+        return scales
+    logs = np.log([scale.metres_per_unit for scale in scales])
+    off = np.abs(logs - np.median(logs))
+    limit = max(OUTLIER_RATIO, 3 * 1.4826 * float(np.median(off)))
+    return [replace(s, is_used=bool(o <= limit)) for s, o in zip(scales, off, strict=True)]
 
 
-def _world_scale(
+def estimate_scale(
     world: int,
     model: NDArray[np.float64],
     vio_m: NDArray[np.float64],
     timestamp_s: NDArray[np.float64],
 ) -> WorldScale | None:
+    """Estimate the scale by one tracking world.
+
+    Args:
+        world: Its number.
+        model: Positions in the model's units, shape (n, 3), in order of time.
+        vio_m: The same by VIO, shape (n, 3).
+        timestamp_s: Shape (n,).
+
+    Returns:
+        The median ratio of distances; None if there are too few long ones.
+    """
+    if len(vio_m) < MIN_IMAGES:
+        return None
     first, second = np.triu_indices(len(vio_m), 1)
     is_near = timestamp_s[second] - timestamp_s[first] <= SPAN_S
     first, second = first[is_near], second[is_near]
@@ -119,21 +132,9 @@ def _world_scale(
     logs = np.log(in_vio_m[is_long] / in_model[is_long])
     middle = float(np.median(logs))
     scatter = 1.4826 * float(np.median(np.abs(logs - middle)))
-    length_m = float(np.linalg.norm(np.diff(vio_m, axis=0), axis=1).sum())
     # Pairs of the same images are not independent: images are counted.
-    return WorldScale(world, float(np.exp(middle)), scatter / np.sqrt(len(vio_m)), length_m)
-
-
-def _mark_outliers(scales: list[WorldScale]) -> list[WorldScale]:
-    if len(scales) < 3:
-        return scales
-    logs = np.log([scale.metres_per_unit for scale in scales])
-    off = np.abs(logs - np.median(logs))
-    limit = max(OUTLIER_RATIO, 3 * 1.4826 * float(np.median(off)))
-    return [
-        WorldScale(s.world, s.metres_per_unit, s.sigma, s.length_m, bool(o <= limit))
-        for s, o in zip(scales, off, strict=True)
-    ]
+    sigma = float(scatter / np.sqrt(len(vio_m)))
+    return WorldScale(world, float(np.exp(middle)), sigma, path_length_m(vio_m))
 
 
 def mean_scale(scales: list[WorldScale]) -> float:
@@ -161,9 +162,9 @@ def estimate_gravity(
     up_in_cam = quaternion.rotate(quaternion.inverse(vio_from_cam.quat_xyzw), y_up)
     ups = quaternion.rotate(model_from_cam.quat_xyzw, up_in_cam)
     up = _mean_direction(ups)
-    angles = _angles_deg(ups, up)
+    angles = angle_between_deg(ups, up)
     offsets = {
-        int(world): float(_angles_deg(_mean_direction(ups[tracking_world == world]), up))
+        int(world): float(angle_between_deg(_mean_direction(ups[tracking_world == world]), up))
         for world in np.unique(tracking_world)
     }
     spread, p95 = np.percentile(angles, [50, 95])
@@ -175,12 +176,7 @@ def _mean_direction(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     return median / np.linalg.norm(median)
 
 
-def _angles_deg(directions: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    sine = np.linalg.norm(np.cross(directions, other), axis=-1)
-    return np.degrees(np.arctan2(sine, directions @ other))
-
-
-def place_in_world(
+def align_with_world(
     model_from_cam: Rigid3,
     vio_from_cam: Rigid3,
     metres_per_unit: float,
@@ -194,7 +190,12 @@ def place_in_world(
         metres_per_unit: The scale.
         up: Up in the model's world.
     """
-    level = _turn_up(up)
+    # The shortest rotation that takes up to z; from straight down, a half turn about x.
+    w = 1.0 + float(up[2])
+    z = np.array([0.0, 0.0, 1.0])
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    if w >= 1e-9:
+        level = quaternion.normalize(np.append(np.cross(up, z), w))
     turned = quaternion.multiply(level, model_from_cam.quat_xyzw)
     z_up_vio = z_up_from_y_up(vio_from_cam)
     difference = quaternion.multiply(z_up_vio.quat_xyzw, quaternion.inverse(turned))
@@ -209,12 +210,3 @@ def place_in_world(
     offsets = z_up_vio.translation_m - moved
     offset = geometric_median(offsets, np.ones(len(offsets)))
     return Sim3(np.asarray(metres_per_unit), Rigid3(offset, rotation))
-
-
-def _turn_up(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The shortest rotation, quaternion xyzw, that takes a unit vector to z."""
-    z = np.array([0.0, 0.0, 1.0])
-    w = 1.0 + float(up @ z)
-    if w < 1e-9:  # straight down: any half turn about a level axis
-        return np.array([1.0, 0.0, 0.0, 0.0])
-    return quaternion.normalize(np.append(np.cross(up, z), w))

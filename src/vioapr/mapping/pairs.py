@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
+from vioapr.geometry.vectors import angle_between_deg, step_lengths_m
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.params import MappingParams
 
@@ -88,7 +89,7 @@ def spatial_pairs(
         images: All images.
         rows: Those of one world.
         world_from_cam: Their poses.
-        count: So many for each image at most.
+        count: Largest number for each image.
         apart: Images that follow each other this closely are matched anyway.
     """
     positions = world_from_cam.translation_m
@@ -115,7 +116,7 @@ def view_cost(
 ) -> NDArray[np.float64]:
     """How differently cameras see from one of them, shape (n,); infinite beyond the limits."""
     distance_m = np.linalg.norm(positions - position, axis=1)
-    angle_deg = np.degrees(np.arccos(np.clip(views @ view, -1, 1)))
+    angle_deg = angle_between_deg(views, view)
     cost = distance_m / NEAR_M + angle_deg / NEAR_DEG
     return np.where((distance_m <= NEAR_M) & (angle_deg <= NEAR_DEG), cost, np.inf)
 
@@ -129,7 +130,8 @@ def loop_pairs(
     """
     worlds = images.tracking_world[rows]
     positions = images.vio_from_cam.translation_m[rows]
-    walked_m = _walked_m(positions)
+    # The way up to every image; steps without VIO pose count nothing.
+    walked_m = np.concatenate([[0.0], np.cumsum(np.nan_to_num(step_lengths_m(positions)))])
     pairs = [np.zeros((0, 2), dtype=np.intp)]
     for k in range(len(rows)) if count else ():
         is_other = worlds != worlds[k]
@@ -143,12 +145,6 @@ def loop_pairs(
     return np.concatenate(pairs)
 
 
-def _walked_m(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Length of the way up to every image; steps without VIO pose count nothing."""
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps), steps, 0.0))])
-
-
 def query_pairs(
     queries: NDArray[np.intp], among: NDArray[np.intp], score: NDArray[np.floating], count: int
 ) -> Pairs:
@@ -158,7 +154,7 @@ def query_pairs(
         queries: Rows.
         among: Rows to choose from.
         score: Shape (len(queries), len(among)); minus infinity is never chosen.
-        count: So many for each.
+        count: Number for each.
     """
     pairs = [np.zeros((0, 2), dtype=np.intp)]
     pairs += [_with_best(among, row, score[k], count) for k, row in enumerate(queries)]

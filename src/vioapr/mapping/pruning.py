@@ -19,7 +19,7 @@ from vioapr.mapping.colmap import load_pycolmap, open_database
 from vioapr.mapping.drift import correct_drift
 from vioapr.mapping.features import image_ids
 from vioapr.mapping.inputs import MapImages
-from vioapr.mapping.joining import MIN_PAIRS, can_be_joined, join_worlds
+from vioapr.mapping.joining import MIN_AGREEING_PAIRS, can_be_joined, join_worlds
 from vioapr.mapping.pairs import Pairs
 from vioapr.mapping.two_view import PairGeometries, estimate_distances_m, misfits, read_geometries
 from vioapr.work.progress import Tick
@@ -79,28 +79,24 @@ def prune_pairs(
         MappingError: The database cannot be written.
     """
     pycolmap = load_pycolmap()
-    judged = read_geometries(path, images, pairs, int)
+    checked = read_geometries(path, images, pairs, int)
     helping = read_geometries(path, images, others, int)
-    everything = judged.and_also(helping)
+    everything = checked.and_also(helping)
     located = locate(images, everything, seed)
-    bad = _lead_nowhere(images, located, everything)[: len(judged.rows)]
-    is_inside = located.world[judged.rows[:, 0]] == located.world[judged.rows[:, 1]]
-    bad[is_inside] = misfits(path, images, judged.at(is_inside), located.world_from_cam, tick)
+    # Pairs between worlds that could be joined, and were not, agree on no place.
+    worlds = np.sort(located.world[everything.rows], axis=1)
+    _, kind, count = np.unique(worlds, axis=0, return_inverse=True, return_counts=True)
+    is_between = (worlds[:, 0] != worlds[:, 1]) & can_be_joined(images, everything)
+    bad = (is_between & (count[kind.ravel()] >= MIN_AGREEING_PAIRS))[: len(checked.rows)]
+    is_inside = located.world[checked.rows[:, 0]] == located.world[checked.rows[:, 1]]
+    bad[is_inside] = misfits(path, images, checked.at(is_inside), located.world_from_cam, tick)
     with open_database(path) as database:
         ids = image_ids(database)
-        for first, second in judged.rows[bad]:
+        for first, second in checked.rows[bad]:
             database.update_two_view_geometry(
                 ids[images.names[first]], ids[images.names[second]], pycolmap.TwoViewGeometry()
             )
     return int(bad.sum())
-
-
-def _lead_nowhere(images: MapImages, located: Located, found: PairGeometries) -> NDArray[np.bool_]:
-    """Pairs between worlds that could be joined, and were not: they agree on no place."""
-    worlds = np.sort(located.world[found.rows], axis=1)
-    _, kind, count = np.unique(worlds, axis=0, return_inverse=True, return_counts=True)
-    is_between = (worlds[:, 0] != worlds[:, 1]) & can_be_joined(images, found)
-    return is_between & (count[kind.ravel()] >= MIN_PAIRS)
 
 
 def up_in_cam(images: MapImages, rows: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -111,6 +107,6 @@ def up_in_cam(images: MapImages, rows: NDArray[np.intp]) -> NDArray[np.float64]:
 def tilt_deg(
     images: MapImages, rows: NDArray[np.intp], world_from_cam: Rigid3
 ) -> NDArray[np.float64]:
-    """How far VIO's up is from the world's z in images of given poses, shape (len(rows),)."""
+    """The angle between VIO's up and the world's z, for images of given poses, (len(rows),)."""
     up = quaternion.rotate(world_from_cam.quat_xyzw, up_in_cam(images, rows))
     return np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))

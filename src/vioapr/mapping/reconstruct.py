@@ -5,10 +5,9 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from vioapr.errors import MappingError, UnwritableError
-from vioapr.mapping.colmap import load_pycolmap, translated_errors
+from vioapr.mapping.colmap import load_pycolmap, registered_images, translated_errors
 from vioapr.mapping.params import MappingParams
 from vioapr.work.progress import Tick
 
@@ -45,15 +44,46 @@ def reconstruct(
 
     Raises:
         MappingError: No model could be made.
+        UnwritableError: The folder cannot be made.
     """
+    pycolmap = load_pycolmap()
+    is_incremental = params.mapper == "incremental"
+    if is_incremental:
+        options = pycolmap.IncrementalPipelineOptions()
+        options.max_num_models = MAX_MODELS
+        options.init_num_trials = INIT_TRIALS
+        # Placing images by two-view geometries alone, where too few points are known, is not
+        # exact enough for ground truth (docs/design/mapping.md).
+        options.structure_less_registration_fallback = False
+        options.ba_refine_focal_length = options.ba_refine_extra_params = refines_intrinsics
+        options.mapper.abs_pose_refine_focal_length = refines_intrinsics
+        options.mapper.abs_pose_refine_extra_params = refines_intrinsics
+    else:
+        options = pycolmap.GlobalPipelineOptions()
+        options.mapper.bundle_adjustment.refine_focal_length = refines_intrinsics
+        options.mapper.bundle_adjustment.refine_extra_params = refines_intrinsics
+    options.image_names = list(names)
+    options.num_threads = params.threads
+    options.random_seed = params.seed
+    options.min_model_size = MIN_MODEL_IMAGES
+
     scratch = folder.with_name(f"{folder.name}.scratch")
-    for old in (scratch, folder):
-        shutil.rmtree(old, ignore_errors=True)
-    _make_folders(scratch, folder)
-    run = _run_incremental if params.mapper == "incremental" else _run_global
+    for each in (scratch, folder):
+        shutil.rmtree(each, ignore_errors=True)
+        try:
+            each.mkdir(parents=True)
+        except OSError as error:
+            raise UnwritableError.of(each, error) from None
     with translated_errors(folder):
-        models = run(database, image_folder, names, scratch, params, refines_intrinsics, tick)
-        models = sorted(models.values(), key=lambda model: -model.num_reg_images())
+        if is_incremental:
+            found = pycolmap.incremental_mapping(
+                database, image_folder, scratch, options, next_image_callback=tick
+            )
+        else:
+            found = pycolmap.global_mapping(database, image_folder, scratch, options)
+            for _ in names:
+                tick()
+        models = sorted(found.values(), key=lambda model: -model.num_reg_images())
         if not models:
             raise MappingError(
                 f"no map could be made of {len(names)} images: too few see the same things. "
@@ -62,68 +92,3 @@ def reconstruct(
         models[0].write(folder)
     shutil.rmtree(scratch, ignore_errors=True)
     return [sorted(registered_images(model)) for model in models]
-
-
-def registered_images(model: Any) -> dict[str, Any]:
-    """The images of a model that have a pose, by name."""
-    return {image.name: image for image in model.images.values() if image.has_pose}
-
-
-def _run_incremental(
-    database: Path,
-    image_folder: Path,
-    names: Sequence[str],
-    scratch: Path,
-    params: MappingParams,
-    refines: bool,
-    tick: Tick,
-) -> dict[int, Any]:
-    pycolmap = load_pycolmap()
-    options = _with_common(pycolmap.IncrementalPipelineOptions(), names, params)
-    options.max_num_models = MAX_MODELS
-    options.init_num_trials = INIT_TRIALS
-    # Placing images by two-view geometries alone, where too few points are known, is not exact
-    # enough for ground truth (docs/mapping.md).
-    options.structure_less_registration_fallback = False
-    options.ba_refine_focal_length = options.ba_refine_extra_params = refines
-    options.mapper.abs_pose_refine_focal_length = refines
-    options.mapper.abs_pose_refine_extra_params = refines
-    return pycolmap.incremental_mapping(
-        database, image_folder, scratch, options, next_image_callback=tick
-    )
-
-
-def _run_global(
-    database: Path,
-    image_folder: Path,
-    names: Sequence[str],
-    scratch: Path,
-    params: MappingParams,
-    refines: bool,
-    tick: Tick,
-) -> dict[int, Any]:
-    pycolmap = load_pycolmap()
-    options = _with_common(pycolmap.GlobalPipelineOptions(), names, params)
-    options.mapper.bundle_adjustment.refine_focal_length = refines
-    options.mapper.bundle_adjustment.refine_extra_params = refines
-    models = pycolmap.global_mapping(database, image_folder, scratch, options)
-    for _ in names:
-        tick()
-    return models
-
-
-def _with_common(options: Any, names: Sequence[str], params: MappingParams) -> Any:
-    """What both mappers are told."""
-    options.image_names = list(names)
-    options.num_threads = params.threads
-    options.random_seed = params.seed
-    options.min_model_size = MIN_MODEL_IMAGES
-    return options
-
-
-def _make_folders(*folders: Path) -> None:
-    for folder in folders:
-        try:
-            folder.mkdir(parents=True)
-        except OSError as error:
-            raise UnwritableError.of(folder, error) from None

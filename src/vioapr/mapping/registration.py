@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,19 @@ from numpy.typing import NDArray
 
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors
+from vioapr.mapping.colmap import (
+    load_pycolmap,
+    open_database,
+    registered_images,
+    translated_errors,
+)
 from vioapr.mapping.features import image_ids
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.joining import MAX_TILT_DEG
 from vioapr.mapping.pairs import Pairs, query_pairs, view_cost, viewing_directions
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import tilt_deg
-from vioapr.mapping.reconstruct import registered_images
+from vioapr.schemas.base import Record
 from vioapr.work.progress import Tick
 
 MAX_ERROR_PX = 6.0
@@ -28,32 +32,27 @@ MIN_ERROR_PX = 3.0
 """But not less: features are not found more exactly on small images."""
 
 
-@dataclass(frozen=True)
-class Registered:
+class RegisteredImage(Record, frozen=True):
     """The pose of one image.
 
     Attributes:
         row: The image.
-        world_from_cam: Its pose.
-        inliers: Points that agree with it.
+        position_m: Of the camera in the world, shape (3,).
+        quat_xyzw: Its orientation, world_from_cam.
+        inliers: Number of points that agree with the pose.
         error_px: Their median reprojection error.
     """
 
     row: int
-    world_from_cam: Rigid3
+    position_m: list[float]
+    quat_xyzw: list[float]
     inliers: int
     error_px: float
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        position, quat = self.world_from_cam
-        return {**vars(self), "world_from_cam": [position.tolist(), quat.tolist()]}
-
-    @staticmethod
-    def from_json(content: dict[str, Any]) -> Registered:
-        """The reverse of `to_json`."""
-        pose = Rigid3(*(np.array(part) for part in content["world_from_cam"]))
-        return Registered(**{**content, "world_from_cam": pose})
+    @property
+    def world_from_cam(self) -> Rigid3:
+        """The pose."""
+        return Rigid3(np.array(self.position_m), np.array(self.quat_xyzw))
 
 
 def register_images(
@@ -63,7 +62,7 @@ def register_images(
     pairs: Pairs,
     params: MappingParams,
     tick: Tick,
-) -> list[Registered]:
+) -> list[RegisteredImage]:
     """Find the poses of images from their matches with images of the map.
 
     Args:
@@ -77,31 +76,47 @@ def register_images(
     Returns:
         Those that could be registered, by row.
     """
-    mapped = registered_images(model)
-    points = {name: _points_of(image) for name, image in mapped.items()}
+    # The 3D point of every feature of the map's images, -1 where it has none.
+    points = {
+        name: np.array(
+            [p.point3D_id if p.has_point3D() else -1 for p in image.points2D], dtype=np.int64
+        )
+        for name, image in registered_images(model).items()
+    }
     found = []
     with open_database(database_path) as database, translated_errors(database_path):
         ids = image_ids(database)
         for row in np.unique(pairs[:, 0]):
+            query = ids[images.names[row]]
             partners = [images.names[k] for k in pairs[pairs[:, 0] == row, 1]]
-            name = images.names[row]
             matches = [
-                _matches(database, ids[name], ids[other], points[other])
-                for other in partners
-                if other in points
+                match_points(database, query, ids[name], points[name])
+                for name in partners
+                if name in points
             ]
-            camera = _camera(database, model, ids[name])
-            pose = _solve(database, model, ids[name], matches, camera, params)
-            if pose is not None and not _is_tilted(images, int(row), pose[0]):
-                found.append(Registered(int(row), *pose))
+            answer = estimate_pose(database, model, query, matches, params)
             tick()
+            if answer is None:
+                continue
+            pose, inliers, error_px = answer
+            # A place that looks alike: VIO's gravity rules the pose out.
+            has_up = images.has_vio[row] and images.is_level[row]
+            if has_up and tilt_deg(images, np.array([row]), pose.at(None))[0] > MAX_TILT_DEG:
+                continue
+            position, quat = (part.tolist() for part in pose)
+            found.append(
+                RegisteredImage(
+                    row=int(row), position_m=position, quat_xyzw=quat, inliers=inliers,
+                    error_px=error_px,
+                )
+            )  # fmt: skip
     return found
 
 
 def pairs_by_vio(
     images: MapImages,
     rows: NDArray[np.intp],
-    found: list[Registered],
+    found: list[RegisteredImage],
     mapped: NDArray[np.intp],
     mapped_poses: Rigid3,
     count: int,
@@ -117,7 +132,7 @@ def pairs_by_vio(
         found: Those of them that are registered.
         mapped: The map's images.
         mapped_poses: Their poses, world_from_cam.
-        count: So many pairs for each image.
+        count: Number of pairs for each image.
 
     Returns:
         Rows, shape (m, 2): an image to register, an image of the map.
@@ -140,24 +155,20 @@ def pairs_by_vio(
     return query_pairs(np.array(queries, dtype=np.intp), mapped, np.array(scores), count)
 
 
-def _points_of(image: Any) -> NDArray[np.int64]:
-    """The 3D point of every feature of an image, -1 where it has none."""
-    return np.array(
-        [p.point3D_id if p.has_point3D() else -1 for p in image.points2D], dtype=np.int64
-    )
-
-
-def _is_tilted(images: MapImages, row: int, world_from_cam: Rigid3) -> bool:
-    """Whether VIO's gravity rules the pose out: a place that looks alike."""
-    if not (images.has_vio[row] and images.is_level[row]):
-        return False
-    return bool(tilt_deg(images, np.array([row]), world_from_cam.at(None))[0] > MAX_TILT_DEG)
-
-
-def _matches(
+def match_points(
     database: Any, query: int, other: int, point_of_feature: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Feature of the query and 3D point, for every verified match that has one, shape (m, 2)."""
+    """Find the points of the map that features of an image see, by its matches with another.
+
+    Args:
+        database: COLMAP's, open.
+        query: Number of the image.
+        other: Number of an image of the map.
+        point_of_feature: The 3D point of each of its features, -1 where it has none.
+
+    Returns:
+        Rows of a feature and a 3D point, shape (m, 2).
+    """
     if not database.exists_two_view_geometry(query, other):
         return np.zeros((0, 2), dtype=np.int64)
     matches = database.read_two_view_geometry(query, other).inlier_matches
@@ -166,26 +177,34 @@ def _matches(
     return np.column_stack([features[:, 0], points])[points >= 0]
 
 
-def _camera(database: Any, model: Any, image_id: int) -> Any:
-    """As the map has adjusted it, if the map has it."""
-    camera_id = database.read_image(image_id).camera_id
-    cameras = model.cameras
-    return cameras[camera_id] if camera_id in cameras else database.read_camera(camera_id)
-
-
-def _solve(
+def estimate_pose(
     database: Any,
     model: Any,
     image_id: int,
     matches: list[NDArray[np.int64]],
-    camera: Any,
     params: MappingParams,
 ) -> tuple[Rigid3, int, float] | None:
-    """Pose, number of agreeing points and their median error, or None."""
+    """Estimate the pose of an image from the points that it sees (P3P, RANSAC).
+
+    Args:
+        database: COLMAP's, open.
+        model: The map.
+        image_id: COLMAP's number of the image.
+        matches: Rows of a feature and a 3D point, by each image of the map.
+        params: Smallest number of agreeing points, seed.
+
+    Returns:
+        The pose, world_from_cam, the number of agreeing features and their median error in
+        pixels; None if too few agree.
+    """
     pycolmap = load_pycolmap()
     together = np.unique(np.concatenate([np.zeros((0, 2), np.int64), *matches]), axis=0)
     if len(together) < params.min_inliers:
         return None
+    # The camera as the map has adjusted it, if the map has it.
+    camera_id = database.read_image(image_id).camera_id
+    is_in_map = camera_id in model.cameras
+    camera = model.cameras[camera_id] if is_in_map else database.read_camera(camera_id)
     keypoints = np.asarray(database.read_keypoints(image_id))
     pixels = np.asarray(keypoints[together[:, 0], :2], dtype=np.float64)
     world = np.array([model.points3D[point].xyz for point in together[:, 1]])

@@ -37,17 +37,27 @@ def describe_images(
     Returns:
         Unit vectors, shape (images, words * 128).
     """
-    words = _find_words(read, names, seed)
+    words = find_words(read, names, seed)
     vectors = []
     for name in names:
-        vectors.append(_vlad(read(name), words))
+        vectors.append(vlad(read(name), words))
         tick()
     return np.stack(vectors)
 
 
-def _find_words(
+def find_words(
     read: Callable[[str], NDArray[np.float32]], names: Sequence[str], seed: int
 ) -> NDArray[np.float32]:
+    """Find the words of a scene: means of groups of descriptors that are alike (k-means).
+
+    Args:
+        read: As of `describe_images`.
+        names: The images.
+        seed: Of the random start.
+
+    Returns:
+        Shape (words, 128); at most `WORDS`.
+    """
     rng = np.random.default_rng(seed)
     spread = [names[int(k)] for k in rng.permutation(len(names))[:300]]
     each = -(-SAMPLE // len(spread))
@@ -59,8 +69,18 @@ def _find_words(
     return words.astype(np.float32)
 
 
-def _vlad(descriptors: NDArray[np.float32], words: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Sums of the differences to the nearest word, each normalized, then all."""
+def vlad(descriptors: NDArray[np.float32], words: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Describe an image by its vector of locally aggregated descriptors.
+
+    Of every word the sum of its descriptors' differences from it, normalized; then all together.
+
+    Args:
+        descriptors: Shape (features, 128).
+        words: Shape (words, 128).
+
+    Returns:
+        A unit vector, shape (words * 128,).
+    """
     nearest = np.argmax(descriptors @ words.T - 0.5 * (words**2).sum(axis=1), axis=1)
     order = np.argsort(nearest, kind="stable")
     present, first = np.unique(nearest[order], return_index=True)

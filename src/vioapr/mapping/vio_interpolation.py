@@ -1,4 +1,4 @@
-"""Ground truth between mapped images, carried by VIO over fractions of a second."""
+"""Ground truth between mapped images, interpolated by VIO over fractions of a second."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Frames, Tracking
 
 MAX_GAP_S = 1.5
-"""Mapped images further apart in time carry nothing between them."""
+"""Mapped images further apart in time tell nothing of what is between."""
 
 MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_DEG = 0.05, 1.0
 """If VIO and the map differ by more on the way from one mapped image to the next, neither is
 trusted in between: a jump of the tracker, or an image in a wrong place."""
 
 
-def carry_by_vio(
+def interpolate_by_vio(
     frames: Frames, mapped_rows: NDArray[np.intp], world_from_cam: Rigid3
 ) -> tuple[NDArray[np.intp], Rigid3]:
-    """Poses of frames between mapped ones.
+    """Interpolate the poses of frames between mapped ones, as VIO moves.
 
     Args:
         frames: Of one recording, n of them.
@@ -29,7 +29,7 @@ def carry_by_vio(
 
     Returns:
         Rows that are not mapped and lie between two trusted mapped ones, and their poses: those
-        carried from both sides, blended by time.
+        by VIO from both sides, blended by time.
     """
     nothing = np.zeros(0, dtype=np.intp), Rigid3(np.zeros((0, 3)), np.zeros((0, 4)))
     if len(mapped_rows) < 2:
@@ -38,7 +38,7 @@ def carry_by_vio(
     after = np.searchsorted(mapped_rows, rows)
     is_between = (after > 0) & (after < len(mapped_rows))
     rows, after = rows[is_between], after[is_between]
-    kept = _trusted_gaps(frames, mapped_rows, world_from_cam)[after - 1]
+    kept = find_trusted_gaps(frames, mapped_rows, world_from_cam)[after - 1]
     kept &= frames.tracking[rows] != Tracking.LIMITED
     rows, after = rows[kept], after[kept]
     if not len(rows):
@@ -52,10 +52,19 @@ def carry_by_vio(
     return rows, rigid.interpolate(start, end, (times[rows] - start_s) / (end_s - start_s))
 
 
-def _trusted_gaps(
+def find_trusted_gaps(
     frames: Frames, mapped_rows: NDArray[np.intp], world_from_cam: Rigid3
 ) -> NDArray[np.bool_]:
-    """Between which mapped frames VIO agrees with the map, shape (m - 1,)."""
+    """Find between which mapped frames VIO agrees with the map, so that it can be interpolated.
+
+    Args:
+        frames: Of one recording.
+        mapped_rows: Increasing rows of the mapped frames, m of them.
+        world_from_cam: Their poses, shape (m,).
+
+    Returns:
+        Shape (m - 1,).
+    """
     first, second = mapped_rows[:-1], mapped_rows[1:]
     vio = frames.vio_from_cam
     with np.errstate(invalid="ignore"):

@@ -15,7 +15,7 @@ from vioapr.evaluation.vio_quality import VioQuality, analyze
 from vioapr.evaluation.vio_tables import to_record
 from vioapr.evaluation.vio_tracks import find_vio_walks
 from vioapr.files.text import write_bytes, write_text
-from vioapr.mapping.colmap import load_pycolmap, translated_errors
+from vioapr.mapping.colmap import read_model
 from vioapr.report.figures.mapping import agreement_figure, map_figure
 from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
 from vioapr.report.formatting import UNKNOWN, format_error, format_number
@@ -23,6 +23,7 @@ from vioapr.report.page import embed_figure, make_page, make_table
 from vioapr.report.style import render
 from vioapr.scene.scene import Scene
 from vioapr.schemas.base import to_plain
+from vioapr.schemas.map_summary import Georeference, MapSummary
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 REPORT_FOLDER = "report"
@@ -50,7 +51,7 @@ _CAPTIONS = {
 
 
 def write_map_report(
-    scene: Scene, summary: dict[str, Any], tick: Callable[[], object] | None = None
+    scene: Scene, summary: MapSummary, tick: Callable[[], object] | None = None
 ) -> Path:
     """Write `map/report/`: a page with everything inside, its figures, and VIO's figures as JSON.
 
@@ -89,14 +90,14 @@ def write_map_report(
 
 def _draw(
     scene: Scene,
-    summary: dict[str, Any],
+    summary: MapSummary,
     qualities: list[VioQuality],
     folder: Path,
     tick: Callable[[], object] | None,
 ) -> list[str]:
     drawings = {
         "map": lambda: _map_figure(scene, summary),
-        "agreement": lambda: agreement_figure(summary["world"]),
+        "agreement": lambda: agreement_figure(summary.world),
         "vio_drift": lambda: vio_drift_figure(qualities),
         "vio_errdis": lambda: vio_distribution_figure(qualities),
     }
@@ -111,15 +112,14 @@ def _draw(
     return embedded
 
 
-def _map_figure(scene: Scene, summary: dict[str, Any]) -> Any:
-    with translated_errors(scene.map_folder):
-        model = load_pycolmap().Reconstruction(scene.map_folder)
+def _map_figure(scene: Scene, summary: MapSummary) -> Any:
+    model = read_model(scene.map_folder)
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
-    found = {id_: scene.gt(id_) for id_ in summary["recordings"]}
+    found = {id_: scene.gt(id_) for id_ in summary.recordings}
     positions = {id_: gt.position_m for id_, gt in found.items() if gt is not None}
     if not positions:
         raise FormatError(scene.folder, "expected ground truth of the map, found none")
-    splits = {id_: facts["split"] for id_, facts in summary["recordings"].items()}
+    splits = {id_: facts.split for id_, facts in summary.recordings.items()}
     return map_figure(points, positions, splits)
 
 
@@ -127,31 +127,31 @@ def _heading(anchor: str, title: str) -> str:
     return f'<h2 id="{anchor}">{escape(title)}</h2>'
 
 
-def _overview(summary: dict[str, Any]) -> str:
-    model, world = summary["model"], summary["world"]
-    recordings = summary["recordings"].values()
-    ratios = [100 * (scale["relative"] - 1) for scale in world["scales"]]
+def _overview(summary: MapSummary) -> str:
+    model, world = summary.model, summary.world
+    recordings = summary.recordings.values()
+    ratios = [100 * (scale.relative - 1) for scale in world.scales]
     entries = {
-        "Images": f"{sum(r['registered'] for r in recordings)} of "
-        f"{sum(r['images'] for r in recordings)} registered, {model['images']} of them in the map",
-        "Points": f"{model['points']}, each seen by {model['mean_track_length']:.1f} images",
-        "Reprojection error": f"{model['mean_reprojection_error_px']:.2f} px (mean)",
+        "Images": f"{sum(r.registered for r in recordings)} of "
+        f"{sum(r.images for r in recordings)} registered, {model.images} of them in the map",
+        "Points": f"{model.points}, each seen by {model.mean_track_length:.1f} images",
+        "Reprojection error": f"{model.mean_reprojection_error_px:.2f} px (mean)",
         "Scale": f"the mean over {len(ratios)} tracking worlds, which are "
         f"{min(ratios):+.2f} to {max(ratios):+.2f} % off it",
         "Up": f"the robust mean over all images; they scatter by "
-        f"{world['gravity_spread_deg']:.2f} deg (median), "
-        f"{world['gravity_p95_deg']:.2f} deg (95 %)",
-        "Place on earth": _place(world["georeference"]),
-        "Mapper": summary["params"]["mapper"],
-        "Seconds": ", ".join(f"{name} {s:.0f}" for name, s in summary["seconds"].items()),
-        "vioapr": summary["vioapr"],
+        f"{world.gravity_spread_deg:.2f} deg (median), "
+        f"{world.gravity_p95_deg:.2f} deg (95 %)",
+        "Place on earth": _place(world.georeference),
+        "Mapper": str(summary.params["mapper"]),
+        "Seconds": ", ".join(f"{name} {s:.0f}" for name, s in summary.seconds.items()),
+        "vioapr": summary.vioapr,
     }
     warnings = [
         text
         for is_fine, text in (
-            (world["is_metric"], "No recording's VIO is metric: nor is the map."),
+            (world.is_metric, "No recording's VIO is metric: nor is the map."),
             (
-                world["is_gravity_aligned"],
+                world.is_gravity_aligned,
                 "No recording's VIO knows gravity: the map's z is not up.",
             ),
         )
@@ -162,35 +162,35 @@ def _overview(summary: dict[str, Any]) -> str:
     return f"{_heading('overview', 'Overview')}{notes}<dl>{items}</dl>"
 
 
-def _place(geo: dict[str, Any] | str | None) -> str:
+def _place(geo: Georeference | str | None) -> str:
     if geo is None:
         return "no satellite positions in the training recordings"
     if isinstance(geo, str):
         return f"not known: {geo}"
-    origin = geo["origin"]
+    origin = geo.origin
     return (
-        f"origin at {origin['latitude_deg']:.7f}, {origin['longitude_deg']:.7f}, x east; "
-        f"{geo['fixes']} satellite positions, median distance {geo['residual_m']:.1f} m, heading "
-        f"to {geo['heading_sigma_deg']:.1f} deg, their scale {geo['scale']:.3f} of the map's"
+        f"origin at {origin.latitude_deg:.7f}, {origin.longitude_deg:.7f}, x east; "
+        f"{geo.fixes} satellite positions, median distance {geo.residual_m:.1f} m, heading "
+        f"to {geo.heading_sigma_deg:.1f} deg, their scale {geo.scale:.3f} of the map's"
     )
 
 
-def _recordings(summary: dict[str, Any]) -> str:
+def _recordings(summary: MapSummary) -> str:
     head = ["recording", "split", "images", "registered", "not registered", "unusable",
             "misplaced", "VIO parts from map", "scale %", "up °"]  # fmt: skip
-    world = summary["world"]
+    world = summary.world
     rows = []
-    for id_, facts in summary["recordings"].items():
-        scales = [s["relative"] for s in world["scales"] if s["recording"] == id_]
-        tilts = [t["offset_deg"] for t in world["gravity_offset_deg"] if t["recording"] == id_]
-        lists = ("unregistered", "unusable", "misplaced", "parts_from_vio_at_s")
+    for id_, facts in summary.recordings.items():
+        scales = [s.relative for s in world.scales if s.recording == id_]
+        tilts = [t.offset_deg for t in world.gravity_offset_deg if t.recording == id_]
+        lists = (facts.unregistered, facts.unusable, facts.misplaced, facts.parts_from_vio_at_s)
         rows.append(
             [
                 escape(id_),
-                facts["split"],
-                str(facts["images"]),
-                str(facts["registered"]),
-                *(str(len(facts[name])) for name in lists),
+                facts.split,
+                str(facts.images),
+                str(facts.registered),
+                *(str(len(each)) for each in lists),
                 ", ".join(f"{100 * (s - 1):+.2f}" for s in scales) or UNKNOWN,
                 ", ".join(f"{t:.2f}" for t in tilts) or UNKNOWN,
             ]
@@ -222,15 +222,15 @@ def _vio(qualities: Sequence[VioQuality], figures: Iterable[str]) -> str:
     return "\n".join([_heading("vio", "VIO against the map"), table, *figures])
 
 
-def _unregistered(summary: dict[str, Any]) -> str:
+def _unregistered(summary: MapSummary) -> str:
     """Every image without ground truth, by name."""
     parts = [_heading("missing", "Not registered")]
-    for id_, facts in summary["recordings"].items():
-        unusable = [f"{name}: {why}" for name, why in facts["unusable"].items()]
+    for id_, facts in summary.recordings.items():
+        unusable = [f"{name}: {why}" for name, why in facts.unusable.items()]
         for title, names in (
-            ("not registered", facts["unregistered"]),
+            ("not registered", facts.unregistered),
             ("cannot be read", unusable),
-            ("misplaced", facts["misplaced"]),
+            ("misplaced", facts.misplaced),
         ):
             if names:
                 items = "\n".join(escape(name) for name in names)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.report.style import house_style, new_figure, spread
+from vioapr.schemas.map_summary import GravityOffset, ScaleSummary, WorldSummary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,37 +62,37 @@ def _limits(
     return low - margin, high + margin
 
 
-def agreement_figure(world: Mapping[str, Any]) -> Figure:
+def agreement_figure(world: WorldSummary) -> Figure:
     """How much the tracking worlds differ in scale and in the direction up.
 
     Args:
-        world: The summary's "world", as `map.json` has it.
+        world: As the map's summary has it.
     """
-    scales, tilts = world["scales"], world["gravity_offset_deg"]
+    scales, tilts = world.scales, world.gravity_offset_deg
     rows = max(len(scales), len(tilts), 1)
     with house_style():
         figure, axes = new_figure(9.0, 1.6 + 0.28 * rows, cols=2)
         _draw_scales(axes[0], scales)
-        _draw_tilts(axes[1], tilts, world["gravity_spread_deg"])
+        _draw_tilts(axes[1], tilts, world.gravity_spread_deg)
     return figure
 
 
-def _draw_scales(axis: Axes, scales: list[dict[str, Any]]) -> None:
+def _draw_scales(axis: Axes, scales: list[ScaleSummary]) -> None:
     for row, scale in enumerate(scales):
-        off = 100 * (scale["relative"] - 1)
-        color = "#0072b2" if scale["is_used"] else "#d55e00"
-        axis.errorbar(off, row, xerr=200 * scale["sigma"], fmt="o", color=color, ms=4, lw=1.2)
+        off = 100 * (scale.relative - 1)
+        color = "#0072b2" if scale.is_used else "#d55e00"
+        axis.errorbar(off, row, xerr=200 * scale.sigma, fmt="o", color=color, ms=4, lw=1.2)
     axis.axvline(0, color="#777777", lw=0.8, ls=":")
-    names = [s["recording"] + ("" if s["is_used"] else " (left out)") for s in scales]
+    names = [s.recording + ("" if s.is_used else " (left out)") for s in scales]
     axis.set_yticks(range(len(scales)), names)
     axis.set_ylim(len(scales) - 0.5, -0.5)
     axis.margins(x=0.15)
     axis.set_xlabel("scale by VIO, off the map's (%), ± 2 sigma")
 
 
-def _draw_tilts(axis: Axes, tilts: list[dict[str, Any]], spread_deg: float) -> None:
-    axis.barh(range(len(tilts)), [t["offset_deg"] for t in tilts], color="#0072b2", height=0.5)
+def _draw_tilts(axis: Axes, tilts: list[GravityOffset], spread_deg: float) -> None:
+    axis.barh(range(len(tilts)), [t.offset_deg for t in tilts], color="#0072b2", height=0.5)
     axis.axvline(spread_deg, color="#777777", lw=0.8, ls=":")
-    axis.set_yticks(range(len(tilts)), [t["recording"] for t in tilts])
+    axis.set_yticks(range(len(tilts)), [t.recording for t in tilts])
     axis.set_ylim(len(tilts) - 0.5, -0.5)
     axis.set_xlabel("up by VIO, off the map's (deg); dotted: single images")
