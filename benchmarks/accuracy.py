@@ -20,7 +20,7 @@ from vioapr.cli.console import progress
 from vioapr.cli.evaluate import print_tables
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
-from vioapr.evaluation.tables import Group, evaluate, to_records
+from vioapr.evaluation.tables import Group, tabulate, to_records
 from vioapr.fusion.methods import METHODS, default_params
 from vioapr.report.formatting import format_levels, format_median, format_p95, format_share
 from vioapr.scene.walks import find_walks
@@ -63,7 +63,7 @@ def main() -> None:
     cases = load_cases(find_walks([Path(data) / "bench"]))
     params = default_params(options.methods.split(","))
     with progress("fusing", count_ticks(cases, params)) as tick:
-        groups = evaluate(cases, params, tick=tick).groups
+        groups = tabulate(cases, params, tick=tick).groups
     print_tables(groups)
     if options.json:
         write_json(options.json, {"groups": to_plain(to_records(groups))})

@@ -34,7 +34,7 @@ from vioapr.cli.evaluate import print_tables
 from vioapr.cli.main import main as vioapr
 from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import count_ticks
-from vioapr.evaluation.tables import evaluate, to_records
+from vioapr.evaluation.tables import tabulate, to_records
 from vioapr.fusion.methods import default_params
 from vioapr.geometry import quaternion
 from vioapr.scene.scene import Scene, World
@@ -109,7 +109,7 @@ def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
     cases = [case for case in load_cases(find_walks([out])) if case.apr == model]
     params = default_params(METHODS_SHOWN)
     with progress("fusing", count_ticks(cases, params)) as tick:
-        groups = evaluate(cases, params, tick=tick).groups
+        groups = tabulate(cases, params, tick=tick).groups
     print_tables(groups)
     (raw,) = (row.fused for row in groups[0].rows if row.method == "apr")
     extent_m = _extent_m(scene)

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from vioapr.formats.registry import read_trajectory as read_trajectory
     from vioapr.formats.registry import write_trajectory as write_trajectory
     from vioapr.fusion.fuse import fuse as fuse
+    from vioapr.fusion.fused_walk import FusedWalk as FusedWalk
     from vioapr.fusion.localizer import Localizer as Localizer
     from vioapr.fusion.methods import METHODS as METHODS
-    from vioapr.fusion.offline import FusedWalk as FusedWalk
     from vioapr.fusion.types import Estimate as Estimate
     from vioapr.fusion.types import Status as Status
     from vioapr.geometry.rigid import Rigid3 as Rigid3
@@ -50,7 +50,7 @@ _HOME = {
     "Estimate": "vioapr.fusion.types",
     "FileError": "vioapr.errors",
     "FormatError": "vioapr.errors",
-    "FusedWalk": "vioapr.fusion.offline",
+    "FusedWalk": "vioapr.fusion.fused_walk",
     "Localizer": "vioapr.fusion.localizer",
     "METHODS": "vioapr.fusion.methods",
     "MissingExtraError": "vioapr.errors",

@@ -11,8 +11,8 @@ from vioapr.evaluation.metrics import summarize
 from vioapr.evaluation.tables import (
     CSV_COLUMNS,
     compare_methods,
-    evaluate,
     group_results,
+    tabulate,
     to_csv,
     to_records,
 )
@@ -86,7 +86,7 @@ def test_keyframes_equal_the_raw_regressor_on_the_same_frames(groups):
     np.testing.assert_allclose(row.fused, row.raw)
 
 
-def test_raw_is_judged_on_the_same_frames(groups):
+def test_raw_is_evaluated_on_the_same_frames(groups):
     for row in groups[1].rows:
         assert row.raw.share == pytest.approx(row.fused.share)
     everything = groups[1].rows[0]
@@ -117,7 +117,7 @@ def test_json_reads_as_the_records_it_was_written_from(groups):
 
 
 def test_one_call_fuses_and_groups(cases, results, groups):
-    found = evaluate(cases, default_params(METHODS))
+    found = tabulate(cases, default_params(METHODS))
     assert [result.method for result in found.results] == [result.method for result in results]
     assert to_plain(to_records(found.groups)) == to_plain(to_records(groups))
 

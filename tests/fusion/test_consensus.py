@@ -44,7 +44,7 @@ def errors_deg(walk, estimates):
 
 
 def move_tracker(frames, start, transform):
-    """The tracking world changes from a frame on, without notice."""
+    """The tracking world changes at a frame and stays changed, without notice."""
     after = np.arange(len(frames.timestamp_s)) >= start
     moved = rigid.choose(after, transform @ frames.vio_from_cam, frames.vio_from_cam)
     return frames._replace(vio_from_cam=moved)
@@ -145,7 +145,7 @@ def test_known_gravity_keeps_the_tracker_upright(walk):
     assert (found.sigma_orientation_axes_deg[:, 0] < found.sigma_orientation_axes_deg[:, 2]).all()
 
 
-def test_lost_tracking_starts_anew_and_raw_predictions_fill_in(walk):
+def test_lost_tracking_starts_again_and_raw_predictions_fill_in(walk):
     localizer = Localizer("consensus")
     for row in range(30):
         apr, vio = (t.target_from_source.at(row) for t in (walk.apr, walk.vio))

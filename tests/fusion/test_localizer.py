@@ -53,7 +53,7 @@ def test_predictions_at_1_hz_with_vio_at_60_hz(walk):
     assert set(statuses[:120]) == {Status.UNLOCALIZED}
     assert set(statuses[121:180]) == {Status.TRACKED}
     assert statuses[180] == Status.KEYFRAME
-    # T counts predictions: 8 of them, then two unconfirmed while aligning anew.
+    # T counts predictions: 8 of them, then two unconfirmed while aligning again.
     assert [statuses[60 * k] for k in range(2, 14)] == [Status.KEYFRAME] * 9 + [
         Status.TRACKED, Status.TRACKED, Status.KEYFRAME,
     ]  # fmt: skip

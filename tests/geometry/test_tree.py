@@ -3,7 +3,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vioapr.geometry.rigid import Rigid3
-from vioapr.geometry.tree import tree_leaves, tree_map, tree_paths
+from vioapr.geometry.tree import tree_at, tree_leaves, tree_map, tree_paths, tree_stack
 
 
 class State(NamedTuple):
@@ -30,3 +30,16 @@ def test_a_mapped_tree_has_the_same_types():
     assert doubled.count is None
     assert type(doubled.pair) is tuple
     assert doubled.pair[0].tolist() == [4.0, 4.0]
+
+
+def test_trees_are_stacked_and_taken_apart_again():
+    other = tree_map(lambda a: -a, STATE)
+    for axis in (0, 1):
+        both = tree_stack([STATE, other], axis)
+        assert isinstance(both.pose, Rigid3)
+        assert both.count is None
+        index = (slice(None),) * axis
+        for ours, theirs in zip(
+            tree_leaves(tree_at(both, (*index, 1))), tree_leaves(other), strict=True
+        ):
+            np.testing.assert_array_equal(ours, theirs)

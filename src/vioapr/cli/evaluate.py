@@ -15,10 +15,9 @@ from rich.table import Table
 
 from vioapr.cli.console import console, progress
 from vioapr.cli.method_params import MethodParams, parse_methods
-from vioapr.evaluation import tables
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
-from vioapr.evaluation.tables import Group, Row, to_csv, to_records
+from vioapr.evaluation.tables import Group, Row, tabulate, to_csv, to_records
 from vioapr.files.text import write_text
 from vioapr.fusion.offline import View
 from vioapr.report.evaluation_report import count_report_ticks, write_report
@@ -71,7 +70,7 @@ def evaluate(
     with progress("reading walks", len(folders)) as tick:
         cases = load_cases(folders, tolerance_s=tolerance_s, tick=tick)
     with progress("fusing", count_ticks(cases, chosen)) as tick:
-        results, groups = tables.evaluate(cases, chosen, view=view, tick=tick)
+        results, groups = tabulate(cases, chosen, view=view, tick=tick)
     print_tables(groups)
     if json_out is not None:
         write_text(json_out, json.dumps(to_plain(to_records(groups)), indent=1) + "\n")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError
 from vioapr.evaluation.metrics import PoseErrors, Summary, pose_errors, summarize
-from vioapr.fusion.offline import FusedWalk
+from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, poses_of_frames
 
 

@@ -71,7 +71,7 @@ def load_cases(
     Raises:
         VioAprError: A file is wrong, or its times or names do not meet the others'.
     """
-    cases = []
+    cases: list[Case] = []
     for walk in walks:
         gt = read_trajectory(walk.gt)
         vios = {name: read_trajectory(path) for name, path in walk.vios.items()}

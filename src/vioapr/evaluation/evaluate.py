@@ -16,7 +16,6 @@ from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import View, fuse_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
-from vioapr.geometry.tree import tree_map
 from vioapr.work.progress import Tick, ignore
 
 
@@ -111,6 +110,6 @@ def compare_with_gt(case: Case, method: str, fused: FusedWalk) -> Result:
         estimate,
         fused.status[rows],
         pose_errors(gt, estimate),
-        tree_map(lambda errors: np.where(has_apr, errors, np.nan), raw),
+        PoseErrors(*(np.where(has_apr, error, np.nan) for error in raw)),
         *(None if sigma is None else sigma[rows] for sigma in sigmas),
     )

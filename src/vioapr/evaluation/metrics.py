@@ -111,11 +111,13 @@ def summarize(errors: PoseErrors, is_counted: Array | None = None) -> Summary:
     return Summary(median_m, median_deg, p95_m, p95_deg, high, medium, low, share)
 
 
-def _ratio(part: NDArray, whole: NDArray) -> NDArray[np.float64]:
+def _ratio(part: NDArray[np.integer], whole: NDArray[np.integer]) -> NDArray[np.float64]:
     return np.where(whole > 0, part / np.maximum(whole, 1), np.nan)
 
 
-def _quantiles(values: NDArray[np.float64], count: NDArray) -> list[NDArray[np.float64]]:
+def _quantiles(
+    values: NDArray[np.float64], count: NDArray[np.integer]
+) -> list[NDArray[np.float64]]:
     """The median and the 95th percentile of the finite values along the last axis.
 
     Linear interpolation between order statistics, as NumPy's; NaNs sort to the end, so one
@@ -124,7 +126,7 @@ def _quantiles(values: NDArray[np.float64], count: NDArray) -> list[NDArray[np.f
     if values.shape[-1] == 0:
         return [np.full(count.shape, np.nan)] * 2
     ordered = np.sort(values, axis=-1)
-    quantiles = []
+    quantiles: list[NDArray[np.float64]] = []
     for fraction in (0.5, 0.95):
         position = fraction * np.maximum(count - 1, 0)
         lower = np.floor(position).astype(np.intp)
@@ -135,7 +137,9 @@ def _quantiles(values: NDArray[np.float64], count: NDArray) -> list[NDArray[np.f
     return quantiles
 
 
-def cumulative_distribution(errors: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+def cumulative_distribution(
+    errors: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Sorted finite errors and, for each, the share that is not larger (equation 14)."""
     ordered = np.sort(errors[np.isfinite(errors)])
     return ordered, np.arange(1, len(ordered) + 1) / max(len(ordered), 1)

@@ -84,7 +84,7 @@ class Evaluation(NamedTuple):
     groups: list[Group]
 
 
-def evaluate(
+def tabulate(
     cases: Sequence[Case],
     params_of_method: Mapping[str, Any],
     *,

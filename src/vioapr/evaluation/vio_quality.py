@@ -77,13 +77,13 @@ class Drift(NamedTuple):
 
     Attributes:
         stretch: Length of the stretches, m or s.
-        count: Number of stretches (they overlap: one begins at every frame).
+        stretches: Number of stretches (they overlap: one begins at every frame).
         position_m: Median position error at a stretch's end.
         orientation_deg: Median orientation error at a stretch's end.
     """
 
     stretch: float
-    count: int
+    stretches: int
     position_m: float
     orientation_deg: float
 

@@ -8,8 +8,7 @@ from vioapr.fusion.types import FrameInput
 from vioapr.geometry.arrays import Array, compute_where, constant, namespace, select, zeros
 from vioapr.geometry.averaging import geometric_median, mean_quaternion
 from vioapr.geometry.relative import relative_gap
-from vioapr.geometry.rigid import Rigid3, between, stack
-from vioapr.geometry.tree import tree_map
+from vioapr.geometry.rigid import Rigid3, between, choose, stack
 
 _NEWEST = (..., 0, slice(None))
 """Index of the newest pose in a run."""
@@ -124,11 +123,11 @@ def extend_run(params: CheckerParams, run: Run, frame: FrameInput) -> Run:
 def push(newest_first: Rigid3, pose: Rigid3) -> Rigid3:
     """Put a pose in front of a buffer of shape (..., n) and drop the oldest."""
     xp = namespace(pose.translation_m)
-    return tree_map(
-        lambda buffer, new: xp.concat([new[..., None, :], buffer[..., :-1, :]], axis=-2),
-        newest_first,
-        pose,
-    )
+
+    def put(buffer: Array, new: Array) -> Array:
+        return xp.concat([new[..., None, :], buffer[..., :-1, :]], axis=-2)
+
+    return Rigid3(*map(put, newest_first, pose))
 
 
 def update_reference(
@@ -158,4 +157,4 @@ def hide_unless(condition: Array, pose: Rigid3) -> Rigid3:
     """The pose where the condition holds, NaN elsewhere."""
     nan = constant(float("nan"), pose.translation_m)
     xp = namespace(pose.translation_m)
-    return tree_map(lambda part: select(condition, part, xp.zeros_like(part) + nan), pose)
+    return choose(condition, pose, Rigid3(*(xp.zeros_like(part) + nan for part in pose)))

@@ -6,8 +6,9 @@ from typing import Any
 
 from vioapr.errors import ParameterError
 from vioapr.formats.stated_sigmas import Sigmas
+from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
-from vioapr.fusion.offline import FusedWalk, View, fuse_walk
+from vioapr.fusion.offline import View, fuse_walk
 from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.smoothing import smooth_walk
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory
@@ -36,7 +37,7 @@ def fuse(
             paper's tables. live: what was known when each frame arrived.
         offline: Use the future too, for the best trajectory after the walk (consensus only).
         tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
-        apr_sigmas: What the regressor states of its predictions' errors, if it does.
+        apr_sigmas: The sigmas of its predictions that the regressor states, if it does.
 
     Returns:
         A pose and a status for every frame, in the world of the predictions.

@@ -14,8 +14,8 @@ from vioapr.errors import ParameterError
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
-from vioapr.geometry.arrays import namespace, select
-from vioapr.geometry.tree import tree_map
+from vioapr.geometry.arrays import select
+from vioapr.geometry.tree import tree_at, tree_map, tree_stack
 from vioapr.work.progress import Tick, ignore
 
 View = Literal["retrospective", "live"]
@@ -69,8 +69,7 @@ def fuse_walks(
     # The frames that pad a shorter walk are cut off again.
     fused: list[FusedWalk] = []
     for index, walk in enumerate(walks):
-        at = (slice(0, len(walk)), index)
-        fused.append(in_view(view, walk, tree_map(lambda values, at=at: values[at], batch)))
+        fused.append(in_view(view, walk, tree_at(batch, (slice(0, len(walk)), index))))
     return fused
 
 
@@ -89,8 +88,7 @@ def run_steps(method: Method, params: Any, frames: FrameInput, *, tick: Tick = i
         state, estimate = method.step(params, state, frames.at((index, ...)))
         estimates.append(estimate)
         tick()
-    xp = namespace(frames.timestamp_s)
-    return tree_map(lambda *parts: xp.stack(list(parts)), *estimates)
+    return tree_stack(estimates)
 
 
 def stack_walks(walks: Sequence[PairedFrames]) -> FrameInput:
@@ -117,7 +115,7 @@ def stack_walks(walks: Sequence[PairedFrames]) -> FrameInput:
         if states_rad and frames.apr_sigma_rad is None:
             frames = frames._replace(apr_sigma_rad=unknown)
         padded.append(frames)
-    return tree_map(lambda *parts: np.stack(parts, axis=1), *padded)
+    return tree_stack(padded, axis=1)
 
 
 def in_view(view: View, frames: PairedFrames, estimates: Estimate) -> FusedWalk:

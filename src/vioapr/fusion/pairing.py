@@ -64,11 +64,12 @@ def pair_frames(
         AssociationError: No prediction has a VIO pose.
     """
     times, apr_row, vio_row = match_rows(apr, vio, tolerance_s)
-    names = sigma_m = sigma_rad = None
+    names: tuple[str, ...] | None = None
     if apr.names is not None or vio.names is not None:
         apr_names, vio_names = apr.names or ("",) * len(apr), vio.names or ("",) * len(vio)
-        rows = zip(apr_row, vio_row, strict=True)
+        rows = zip(map(int, apr_row), map(int, vio_row), strict=True)
         names = tuple(apr_names[a] if a >= 0 else vio_names[v] for a, v in rows)
+    sigma_m = sigma_rad = None
     if apr_sigmas is not None:
         sigma_m, sigma_deg = (np.where(apr_row < 0, np.nan, s[apr_row]) for s in apr_sigmas)
         sigma_rad = np.deg2rad(sigma_deg)

@@ -23,7 +23,7 @@ from vioapr.fusion.types import Method, Status
 from vioapr.geometry import quaternion
 from vioapr.geometry.arrays import select
 from vioapr.geometry.rigid import Rigid3
-from vioapr.geometry.tree import tree_map
+from vioapr.geometry.tree import tree_at, tree_map
 from vioapr.work.progress import Tick, ignore
 
 
@@ -69,7 +69,7 @@ def smooth_walks(
     backwards = fuse_walks(method, params, reversed_walks, view="live", tick=tick)
     smoothed: list[FusedWalk] = []
     for forward, backward in zip(forwards, backwards, strict=True):
-        in_order = tree_map(lambda values: values[::-1], Pass.of(backward))
+        in_order = tree_at(Pass.of(backward), slice(None, None, -1))
         smoothed.append(replace(forward, **average_passes(Pass.of(forward), in_order)._asdict()))
     return smoothed
 

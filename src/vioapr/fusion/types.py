@@ -1,4 +1,4 @@
-"""What goes into a fusion step and what comes out of it, and what a fusion method is."""
+"""The frames that a fusion method steps through, its estimates, and its interface."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from vioapr.geometry.arrays import Array
 from vioapr.geometry.rigid import Rigid3
-from vioapr.geometry.tree import tree_map
+from vioapr.geometry.tree import tree_at
 
 
 class Status(IntEnum):
@@ -46,9 +46,9 @@ class FrameInput(NamedTuple):
         tracking_ok: Shape (...), whether the tracker knows its pose.
         tracking_reset: Shape (...), whether the tracker's world is a new one since this frame.
             A frame without tracking implies it for the next one.
-        apr_sigma_m: Shape (...), what the regressor states of its position's error: standard
-            deviation per axis, m; NaN or not above 0 where it states nothing. None if it never
-            does. Methods without use for it ignore it.
+        apr_sigma_m: Shape (...), the standard deviation of the predicted position per axis
+            that the regressor states, m; NaN or not above 0 where it states none. None if it
+            never does. Methods without use for it ignore it.
         apr_sigma_rad: The same of its orientation: about each axis, rad.
     """
 
@@ -68,7 +68,7 @@ class FrameInput(NamedTuple):
 
     def at(self, index: object) -> FrameInput:
         """The frames at an index of the leading axes."""
-        return tree_map(lambda values: values[index], self)
+        return tree_at(self, index)
 
 
 class Estimate(NamedTuple):

@@ -17,7 +17,7 @@ from vioapr.geometry.arrays import namespace
 def step(
     params: VioAprParams, state: VioAprState, frame: FrameInput
 ) -> tuple[VioAprState, Estimate]:
-    """As `vio-apr` up to the first reference; from then on that reference is kept."""
+    """As `vio-apr` up to the first reference, which is then kept."""
     next_state, estimate = vio_apr.step(params, state, frame)
     # Never counting down keeps the method in pose optimization, so it never aligns again.
     kept = next_state.reference.is_known

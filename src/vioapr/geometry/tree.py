@@ -6,8 +6,10 @@ array of one is done by `tree_map`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
+
+from vioapr.geometry.arrays import namespace
 
 Tree = TypeVar("Tree")
 
@@ -30,6 +32,20 @@ def tree_map(function: Callable[..., Any], tree: Tree, *others: Tree) -> Tree:
     parts = (tree_map(function, *branches) for branches in zip(tree, *others, strict=True))  # type: ignore[arg-type]
     kind: Any = type(tree)
     return kind(*parts) if hasattr(tree, "_fields") else kind(parts)
+
+
+def tree_at(tree: Tree, index: Any) -> Tree:
+    """The elements of every array of a tree at an index of the axes that all have in common."""
+    return tree_map(lambda array: array[index], tree)
+
+
+def tree_stack(trees: Sequence[Tree], axis: int = 0) -> Tree:
+    """Join trees of one structure along a new axis, at least one tree."""
+
+    def stack(*arrays: Any) -> Any:
+        return namespace(*arrays).stack(list(arrays), axis=axis)
+
+    return tree_map(stack, *trees)
 
 
 def tree_leaves(tree: object) -> Iterator[Any]:
