@@ -84,7 +84,9 @@ def test_int8_is_calibrated_on_the_scene_and_split(run, checkpoint, scene, tmp_p
 
 def test_what_cannot_be_exported(fails, checkpoint, tmp_path, monkeypatch):
     out = ("--out", tmp_path / "x.onnx")
-    assert "--method pose-graph" in fails("export", checkpoint, *out, "--method", "pose-graph")
+    refusal = fails("export", checkpoint, *out, "--method", "pose-graph")
+    assert "--method: expected" in refusal
+    assert "got 'pose-graph'" in refusal
     assert "expected one of fp32" in fails("export", checkpoint, *out, "--precision", "int4")
     assert "go together" in fails("export", checkpoint, *out, "--precision", "int8-qdq")
     assert "found no file" in fails("export", tmp_path / "none.safetensors", *out)

@@ -27,7 +27,7 @@ def export(
 ) -> None:
     """Export the whole localizer as one ONNX file: image and tracker pose in, fused pose out.
 
-    docs/contract.md says how to call it from any language (pip install 'vioapr[export]').
+    docs/reference/contract.md says how to call it from any language (pip install 'vioapr[export]').
 
     Args:
         checkpoint: What `vioapr train` wrote.
@@ -56,7 +56,7 @@ def export(
     exporter = Exporter(loaded.network, loaded.spec, chosen, params_for(method, params))
     images = None
     if calibration is not None:
-        from vioapr.export.calibration import training_images
+        from vioapr.export.quantize import training_images
 
         images = training_images(calibration, exporter.preprocess)
     if split:

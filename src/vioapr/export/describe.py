@@ -92,8 +92,11 @@ def describe_fusion(
         meaning = "numbers of the method: params"
         inputs += (TensorSpec("params", "float32", (len(names),), meaning),)
     next_state = TensorSpec("next_state", "float32", (layout.size,), "the state for the next frame")
-    fixed = asdict(fusion.params)
-    params = tuple(_describe_param(name, float(fixed.pop(name))) for name in names)
+    fixed, params = asdict(fusion.params), []
+    for name in names:
+        default, is_count = float(fixed.pop(name)), name in ("run_pairs", "optimized_frames")
+        most = max(default, MAX_RUN_PAIRS) if name == "run_pairs" else None
+        params.append(ParamSpec(name, default, 1 if is_count else 0, most))
     offsets = accumulate((leaf.size for leaf in layout.leaves), initial=1)
     return Contract(
         part="fusion",
@@ -102,7 +105,7 @@ def describe_fusion(
         statuses={str(int(status)): status.label for status in Status},
         precision=precision,
         method=fusion.method.name,
-        params=params,
+        params=tuple(params),
         fixed_params=fixed,
         state_size=layout.size,
         state_tag=layout.tag,
@@ -126,9 +129,3 @@ def describe_localizer(apr: Contract, fusion: Contract) -> Contract:
         outputs=(*fused, *apr.outputs, next_state),
         image=apr.image,
     )
-
-
-def _describe_param(name: str, default: float) -> ParamSpec:
-    if name == "run_pairs":
-        return ParamSpec(name, default, 1, max(default, MAX_RUN_PAIRS))
-    return ParamSpec(name, default, 1 if name == "optimized_frames" else 0)

@@ -1,4 +1,4 @@
-"""From a trained regressor and a fusion method to the files that phones run."""
+"""Export a trained regressor and a fusion method to the files that phones run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _EXAMPLE = (480, 640, 3)
 
 
 class Spec(Protocol):
-    """What an export wants to know of a regressor (`vioapr.regression.checkpoint`)."""
+    """The properties of a regressor that its file states (`vioapr.regression.spec`)."""
 
     @property
     def model(self) -> str:
@@ -64,7 +64,7 @@ class Exporter:
 
         Args:
             network: See `NetworkGraph`.
-            spec: What is known of it.
+            spec: Of the network.
             method: Of fusion.
             params: Of the method.
 
@@ -73,13 +73,15 @@ class Exporter:
         """
         if not method.is_batched:
             raise ParameterError(
-                f"--method {method.name}: expected one that runs as a graph of fixed size, such "
-                "as consensus or vio-apr"
+                "method: expected one that runs as a graph of fixed size, such as consensus or "
+                f"vio-apr, got {method.name!r}"
             )
+        # States of one regressor must not be fed to another.
+        identity = f"{spec.model} {spec.scenes} {digest_weights(network)}"
         self.spec = spec
         self.preprocess = Preprocessor(spec.resize, spec.crop)
         self.network = NetworkGraph(network).eval()
-        self.fusion = FusionGraph(method, params, _identify(network, spec)).eval()
+        self.fusion = FusionGraph(method, params, identity).eval()
 
     @property
     def eager(self) -> LocalizerGraph:
@@ -89,7 +91,7 @@ class Exporter:
     def export(
         self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
     ) -> ExportedFile:
-        """The whole localizer as one file.
+        """Export the whole localizer as one file.
 
         Args:
             precision: See `change_precision`.
@@ -107,7 +109,12 @@ class Exporter:
     def export_split(
         self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
     ) -> tuple[ExportedFile, ExportedFile]:
-        """Regressor and fusion as two files, for runtimes that run them on different devices."""
+        """Export regressor and fusion as two files, to be run on different devices.
+
+        Args:
+            precision: See `change_precision`.
+            calibration: Gives network inputs, see `change_precision`.
+        """
         network = self._network(precision, calibration)
         apr, fusion = self._contracts(precision)
         parts = {"preprocess": self._traced_preprocess, "network": network}
@@ -176,9 +183,9 @@ def example_inputs(fusion: FusionGraph) -> dict[str, Tensor]:
     return inputs
 
 
-def _identify(network: nn.Module, spec: Spec) -> str:
-    """Differs by regressor, so that states of one are not fed to another."""
+def digest_weights(network: nn.Module) -> int:
+    """The CRC-32 of all weights and buffers, in order."""
     digest = 0
     for tensor in network.state_dict().values():
         digest = zlib.crc32(tensor.detach().cpu().contiguous().numpy().tobytes(), digest)
-    return f"{spec.model} {spec.scenes} {digest}"
+    return digest

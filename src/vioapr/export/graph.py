@@ -1,7 +1,7 @@
 """The localizer as one PyTorch module: image and tracker pose in, fused pose and state out.
 
-The fusion step is the same source that NumPy runs, traced in float32 at batch shape (1,). What
-goes in and out is flat tensors; docs/contract.md describes them.
+The fusion step is the same source that NumPy runs, traced in float32 at batch shape (1,). Inputs
+and outputs are flat tensors; docs/reference/contract.md describes them.
 """
 
 from __future__ import annotations
@@ -29,14 +29,23 @@ MAX_RUN_PAIRS = 8
 """The largest N of method `vio-apr` that the graph has room for, unless exported with more."""
 
 _FARTHEST_M = 1e6
-"""Metres beyond which a position is not one."""
+"""Metres; a position beyond is none."""
 
 _LARGEST = 1e30
-"""Beyond which a number of the state is not one."""
+"""A number of the state that is larger has overflowed."""
+
+
+SIGMAS = (
+    "sigma_position_m",
+    "sigma_orientation_deg",
+    "sigma_position_axes_m",
+    "sigma_orientation_axes_deg",
+)
+"""Outputs of the methods that state their uncertainty."""
 
 
 class AprPose(NamedTuple):
-    """The regressor's answer, flat; NaN for a frame without image.
+    """The regressor's pose and uncertainty, flat; NaN for a frame without image.
 
     Attributes:
         apr_world_from_cam: Shape (7,): x y z qx qy qz qw.
@@ -116,7 +125,7 @@ class FusionGraph(nn.Module):
         state: Tensor,
         params: Tensor | None = None,
     ) -> dict[str, Tensor]:
-        """One frame; see docs/contract.md for the tensors."""
+        """One frame; see docs/reference/contract.md for the tensors."""
         apr, is_predicted = _read_pose(apr_world_from_cam, has_apr)
         vio, is_tracked = _read_pose(vio_from_cam, tracking_ok)
         frame = FrameInput(
@@ -129,25 +138,21 @@ class FusionGraph(nn.Module):
             apr_sigma_position_m,
             apr_sigma_orientation_deg * (math.pi / 180),
         )
-        with PortableFunctions():
-            after, estimate = self.method.step(self._params(params), self._unpack(state), frame)
-        return self._outputs(after, estimate)
-
-    def _params(self, values: Tensor | None) -> Any:
-        if values is None:
-            return self.params
-        numbers = dict(zip(self.param_names, values.split(1), strict=True))
-        fixed = {field.name: getattr(self.params, field.name) for field in fields(self.params)}
-        return SimpleNamespace(**(fixed | numbers))
-
-    def _unpack(self, state: Tensor) -> Any:
-        """What is not this graph's own state counts as none."""
+        # A state of another graph counts as none.
         is_ours = state[:1] == self.initial_state[:1]
         state = torch.where(is_ours, state, self.initial_state)
         _, *pieces = state.split([1, *(leaf.size for leaf in self.layout.leaves)])
-        return self.layout.unpack(pieces)
+        numbers: Any = self.params
+        if params is not None:
+            values = dict(zip(self.param_names, params.split(1), strict=True))
+            fixed = {field.name: getattr(self.params, field.name) for field in fields(self.params)}
+            numbers = SimpleNamespace(**(fixed | values))
+        with PortableFunctions():
+            after, estimate = self.method.step(numbers, self.layout.unpack(pieces), frame)
+        return self.name_outputs(after, estimate)
 
-    def _outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:
+    def name_outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:
+        """The outputs, by name, of the state after a step and its estimate."""
         pose = _flat(estimate.world_from_cam)
         next_state = torch.cat([self.initial_state[:1], *self.layout.pack(after)])
         # Numbers that overflowed must not look like a pose, nor live on.
@@ -167,15 +172,6 @@ class FusionGraph(nn.Module):
             if (sigma := getattr(estimate, name)) is not None:
                 outputs[name] = sigma.reshape(-1)
         return outputs | {"next_state": next_state}
-
-
-SIGMAS = (
-    "sigma_position_m",
-    "sigma_orientation_deg",
-    "sigma_position_axes_m",
-    "sigma_orientation_axes_deg",
-)
-"""Outputs of the methods that state their uncertainty."""
 
 
 class LocalizerGraph(nn.Module):
@@ -199,7 +195,7 @@ class LocalizerGraph(nn.Module):
         state: Tensor,
         params: Tensor | None = None,
     ) -> dict[str, Tensor]:
-        """One frame; see docs/contract.md for the tensors."""
+        """One frame; see docs/reference/contract.md for the tensors."""
         apr = self.network(self.preprocess(image), has_image)
         fused = self.fusion(
             *apr,
@@ -221,7 +217,7 @@ def with_room(params: Any) -> Any:
 
 
 def _read_pose(flat: Tensor, flag: Tensor) -> tuple[Rigid3, Tensor]:
-    """A pose of shape (1,) and whether there is one: what is not a pose becomes the identity."""
+    """A pose of shape (1,), and whether there is one; if not, it is the identity."""
     squares = flat[3:] * flat[3:]
     norm = torch.sqrt(squares.sum(dim=0, keepdim=True))
     is_there = (flag > 0.5) & _is_below(_FARTHEST_M, flat) & (norm > 0.5)

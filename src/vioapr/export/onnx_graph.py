@@ -1,11 +1,11 @@
-"""Tracing modules to ONNX, and joining and tidying ONNX graphs."""
+"""ONNX graphs that every runtime can run: trace modules, join graphs, check their operators."""
 
 from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import onnx
 import torch
@@ -37,7 +37,7 @@ def trace(
         name: {axis: torch.export.Dim(size) for axis, size in axes.items()}
         for name, axes in (free_sizes or {}).items()
     }
-    with warnings.catch_warnings(), _quiet("torch.onnx"), _quiet("onnxscript"), _quiet("onnx_ir"):
+    with warnings.catch_warnings(), quiet_loggers("torch.onnx", "onnxscript", "onnx_ir"):
         warnings.simplefilter("ignore")  # about PyTorch's own insides
         program = torch.onnx.export(
             module,
@@ -53,50 +53,57 @@ def trace(
         assert program is not None
         simplify(program.model)
     model = program.model_proto
-    _strip(model)
-    return model
-
-
-class _quiet:
-    """Keeps a logger's warnings away: of packages that are not needed here."""
-
-    def __init__(self, name: str) -> None:
-        self._logger = logging.getLogger(name)
-
-    def __enter__(self) -> None:
-        self._level = self._logger.level
-        self._logger.setLevel(logging.ERROR)
-
-    def __exit__(self, *_: Any) -> None:
-        self._logger.setLevel(self._level)
-
-
-def _strip(model: onnx.ModelProto) -> None:
-    """Take out what says where in the source a node came from: most of a small graph's bytes."""
+    # Words on where in the source a node came from are most of a small graph's bytes.
     for node in model.graph.node:
         del node.metadata_props[:]
         node.doc_string = ""
     for value in (*model.graph.input, *model.graph.output, *model.graph.initializer):
         del value.metadata_props[:]
     del model.graph.metadata_props[:], model.graph.value_info[:], model.metadata_props[:]
+    return model
+
+
+@contextmanager
+def quiet_loggers(*names: str) -> Iterator[None]:
+    """Keep warnings of other packages away, which say nothing to the user."""
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def join(parts: Mapping[str, onnx.ModelProto], outputs: Sequence[str]) -> onnx.ModelProto:
-    """Join models into one: what one puts out under a name, later ones take in under it.
+    """Join models into one: the output of one is the input of the same name of later ones.
 
     Args:
         parts: In order of execution; their names become prefixes of nodes and inner tensors.
-        outputs: What the whole puts out, in order.
+        outputs: Names of the outputs of the whole, in order.
     """
-    whole = onnx.ModelProto()
+    first = next(iter(parts.values()))
+    whole = onnx.ModelProto(ir_version=first.ir_version, producer_name="vioapr")
+    whole.graph.name = "localizer"
+    whole.opset_import.extend(first.opset_import)
     inputs: dict[str, onnx.ValueInfoProto] = {}
     made: dict[str, onnx.ValueInfoProto] = {}
     for prefix, part in parts.items():
-        if not whole.graph.node:
-            whole.ir_version, whole.producer_name = part.ir_version, "vioapr"
-            whole.graph.name = "localizer"
-            whole.opset_import.extend(part.opset_import)
-        graph = _with_prefix(part.graph, prefix)
+        graph = onnx.GraphProto()
+        graph.CopyFrom(part.graph)
+        outer = {value.name for value in (*graph.input, *graph.output)} | {""}
+
+        def rename(name: str, outer: set[str] = outer, prefix: str = prefix) -> str:
+            return name if name in outer else f"{prefix}/{name}"
+
+        for index, node in enumerate(graph.node):
+            node.name = f"{prefix}/{node.op_type}_{index}"
+            node.input[:] = [rename(name) for name in node.input]
+            node.output[:] = [rename(name) for name in node.output]
+        for tensor in graph.initializer:
+            tensor.name = rename(tensor.name)
         for value in graph.input:
             if value.name not in made:
                 inputs.setdefault(value.name, value)
@@ -108,25 +115,8 @@ def join(parts: Mapping[str, onnx.ModelProto], outputs: Sequence[str]) -> onnx.M
     return whole
 
 
-def _with_prefix(graph: onnx.GraphProto, prefix: str) -> onnx.GraphProto:
-    outer = {value.name for value in (*graph.input, *graph.output)} | {""}
-    copy = onnx.GraphProto()
-    copy.CopyFrom(graph)
-
-    def rename(name: str) -> str:
-        return name if name in outer else f"{prefix}/{name}"
-
-    for index, node in enumerate(copy.node):
-        node.name = f"{prefix}/{node.op_type}_{index}"
-        node.input[:] = [rename(name) for name in node.input]
-        node.output[:] = [rename(name) for name in node.output]
-    for tensor in copy.initializer:
-        tensor.name = rename(tensor.name)
-    return copy
-
-
 def rename_input(model: onnx.ModelProto, old: str, new: str) -> None:
-    """Rename an input of a model."""
+    """Rename an input of a model, in place."""
     for value in model.graph.input:
         if value.name == old:
             value.name = new
@@ -141,11 +131,9 @@ def finish(model: onnx.ModelProto, contract: Contract) -> bytes:
         VioAprError: The network uses an operator that not all runtimes have.
     """
     del model.metadata_props[:]
-    entry = model.metadata_props.add()
-    entry.key, entry.value = METADATA_KEY, contract.to_json()
-    is_quantized = contract.precision == "int8-qdq"
+    model.metadata_props.add(key=METADATA_KEY, value=contract.to_json())
     used = (node.op_type for node in model.graph.node)
-    if forbidden := find_forbidden(used, is_quantized=is_quantized):
+    if forbidden := find_forbidden(used, is_quantized=contract.precision == "int8-qdq"):
         raise VioAprError(
             f"the graph uses operators that not every runtime has: {', '.join(forbidden)} "
             "(vioapr.export.operators lists those that may be used)"

@@ -1,4 +1,4 @@
-"""What the portable file may consist of.
+"""The operators that the portable file may consist of.
 
 Every operator here is in the documented lists of Unity's inference engine (2.4 and later) and of
 onnxruntime-web (its WebAssembly backend runs all standard operators), so that one file runs on
@@ -23,10 +23,10 @@ ALLOWED: frozenset[str] = frozenset(_ALLOWED.split())
 `Loop`, `Scan`), none that quantizes (`QuantizeLinear`, `DequantizeLinear`)."""
 
 QUANTIZED: frozenset[str] = frozenset({"QuantizeLinear", "DequantizeLinear"})
-"""What precision int8-qdq uses besides; not portable to Unity."""
+"""Further operators of precision int8-qdq, which Unity does not run."""
 
 
 def find_forbidden(op_types: Iterable[str], *, is_quantized: bool = False) -> list[str]:
-    """The operators that are not allowed, in order of name."""
+    """List the operators that are not allowed, in order of name."""
     allowed = ALLOWED | QUANTIZED if is_quantized else ALLOWED
     return sorted(set(op_types) - allowed)

@@ -1,6 +1,6 @@
 """Running an exported localizer with onnxruntime alone: no PyTorch is needed.
 
-A client in another language does the same; docs/contract.md says how.
+A client in another language does the same; docs/reference/contract.md says how.
 """
 
 from __future__ import annotations

@@ -72,26 +72,26 @@ def frames_of_recording(folder: Path) -> WalkFrames:
     return WalkFrames(recording.id, frames.timestamp_s, images, frames.vio_from_cam, resets, gt)
 
 
-def frames_of_images(pattern: str, vio: Path) -> WalkFrames:
+def frames_of_images(images: str, vio: Path) -> WalkFrames:
     """Read images of one folder, and the tracker's poses from a trajectory file.
 
     Poses belong to images by name, else by timestamps in the images' names, else in order.
 
     Args:
-        pattern: Of the images' paths, with wildcards.
+        images: Pattern of their paths, with wildcards.
         vio: vio_from_cam, of any format that is read.
 
     Raises:
         FileError: No images, or none with a pose.
         ParameterError: They lie in several folders.
     """
-    start = Path(pattern).anchor
-    paths = sorted(Path(start).glob(str(Path(pattern).relative_to(start))))
+    start = Path(images).anchor
+    paths = sorted(Path(start).glob(str(Path(images).relative_to(start))))
     folders = {path.parent for path in paths}
     if not paths:
-        raise FileMissingError(pattern, "expected images, found no file that fits this pattern")
+        raise FileMissingError(images, "expected images, found no file that fits this pattern")
     if len(folders) > 1:
-        raise ParameterError(f"pattern: expected images of one folder, got {len(folders)} folders")
+        raise ParameterError(f"images: expected images of one folder, got {len(folders)} folders")
     (walk,) = (
         walk
         for scene in IMAGES.read(folders.pop(), ImportOptions(poses=vio, id="walk"))
@@ -101,7 +101,7 @@ def frames_of_images(pattern: str, vio: Path) -> WalkFrames:
     sources = [Path(str(image)) for image in walk.images]
     rows = np.array([k for k, path in enumerate(sources) if path.name in chosen], dtype=np.intp)
     if not len(rows):
-        raise FormatError(pattern, "expected images (.jpg, .png), found other files only")
+        raise FormatError(images, "expected images (.jpg, .png), found other files only")
     return WalkFrames(
         paths[0].parent.resolve().name,
         walk.timestamp_s[rows],

@@ -1,6 +1,6 @@
 """The contract of an exported file: what its clients have to know, as JSON in its metadata.
 
-docs/contract.md says the same in words.
+docs/reference/contract.md says the same in words.
 """
 
 from __future__ import annotations
