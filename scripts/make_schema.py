@@ -6,12 +6,15 @@ for every record there that no other one holds. They come from the types and doc
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
+import itertools
 import json
 import pkgutil
 import re
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -99,16 +102,25 @@ def schema_of_array(kind: type) -> Schema:
 
 
 def describe(schema: Schema, kind: type[Record]) -> None:
-    """Put the words of a record's docstring where they belong: its own, and its members'."""
-    words, _, attributes = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
-    schema["description"] = " ".join(words.split())
-    for name, text in re.findall(r"(?m)^    (\w+): ((?:.*\n?)(?: {6,}.*\n?)*)", attributes):
-        if name in schema["properties"]:
-            # Beside others, `$ref` and `description` may stand together since 2019-09.
-            schema["properties"][name] = {
-                "description": " ".join(text.split()),
-                **schema["properties"][name],
-            }
+    """Put the words of a record where they belong: its own, and its members'.
+
+    Words on a member stand in the section "Attributes" of the docstring, or below the member.
+    """
+    docstring, _, attributes = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
+    schema["description"] = " ".join(docstring.split())
+    words = dict(re.findall(r"(?m)^    (\w+): ((?:.*\n?)(?: {6,}.*\n?)*)", attributes))
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(definition, ast.ClassDef)
+    for member, below in itertools.pairwise(definition.body):
+        match member, below:
+            case (
+                ast.AnnAssign(target=ast.Name(id=name)),
+                ast.Expr(value=ast.Constant(value=str(text))),
+            ):
+                words[name] = text
+    for name, member in schema["properties"].items():
+        if name in words:
+            schema["properties"][name] = {"description": " ".join(words[name].split()), **member}
 
 
 def main() -> None:

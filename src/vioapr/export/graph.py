@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from vioapr.export.portable import PortableFunctions
 from vioapr.export.preprocess import Preprocessor
 from vioapr.export.state import StateLayout
 from vioapr.fusion.types import Estimate, FrameInput, Method
@@ -147,8 +146,7 @@ class FusionGraph(nn.Module):
             values = dict(zip(self.param_names, params.split(1), strict=True))
             fixed = {field.name: getattr(self.params, field.name) for field in fields(self.params)}
             numbers = SimpleNamespace(**(fixed | values))
-        with PortableFunctions():
-            after, estimate = self.method.step(numbers, self.layout.unpack(pieces), frame)
+        after, estimate = self.method.step(numbers, self.layout.unpack(pieces), frame)
         return self.name_outputs(after, estimate)
 
     def name_outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:

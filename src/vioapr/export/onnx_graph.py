@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from vioapr.errors import VioAprError
 from vioapr.export.operators import find_forbidden
 from vioapr.export.simplify import simplify
+from vioapr.export.translations import TRANSLATIONS
 from vioapr.schemas.contract import METADATA_KEY, Contract
 
 OPSET = 18
@@ -32,6 +33,9 @@ def trace(
         inputs: An example of every input, by name and in order.
         outputs: Names.
         free_sizes: By input, axes of any size and their names.
+
+    Raises:
+        VioAprError: It uses a function that ONNX does not have.
     """
     dims = {
         name: {axis: torch.export.Dim(size) for axis, size in axes.items()}
@@ -39,17 +43,22 @@ def trace(
     }
     with warnings.catch_warnings(), quiet_loggers("torch.onnx", "onnxscript", "onnx_ir"):
         warnings.simplefilter("ignore")  # about PyTorch's own insides
-        program = torch.onnx.export(
-            module,
-            tuple(inputs.values()),
-            dynamo=True,
-            opset_version=OPSET,
-            input_names=list(inputs),
-            output_names=list(outputs),
-            dynamic_shapes=tuple(dims.get(name) for name in inputs),
-            optimize=False,
-            verbose=False,
-        )
+        try:
+            program = torch.onnx.export(
+                module,
+                tuple(inputs.values()),
+                dynamo=True,
+                opset_version=OPSET,
+                input_names=list(inputs),
+                output_names=list(outputs),
+                dynamic_shapes=tuple(dims.get(name) for name in inputs),
+                custom_translation_table=TRANSLATIONS,
+                optimize=False,
+                verbose=False,
+            )
+        except torch.onnx.errors.OnnxExporterError as error:
+            reason = str(error.__cause__ or error).strip().splitlines()[0]
+            raise VioAprError(f"this model cannot be exported to ONNX: {reason}") from error
         assert program is not None
         simplify(program.model)
     model = program.model_proto
