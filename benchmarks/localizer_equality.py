@@ -3,7 +3,7 @@
     python benchmarks/localizer_equality.py [--frames 1000] [--json PATH]
 
 A simulated walk is told to the exported localizer through pictures that show the predicted poses
-(tests/deploy/networks.py), so that every frame goes through the whole graph: pixels, resizing,
+(tests/export/networks.py), so that every frame goes through the whole graph: pixels, resizing,
 network, fusion. Some frames have no image, some no tracking, some a new tracking world. The NumPy
 localizer runs in double precision and is fed with the graph's own predictions: one walk frame by
 frame (`Localizer`), and many walks in one batch.
