@@ -31,10 +31,10 @@ from vioapr.cli.console import progress
 from vioapr.export.exporter import Exporter
 from vioapr.fusion.methods import METHODS
 from vioapr.regression.networks import build
-from vioapr.regression.spec import RegressorSpec
 from vioapr.runtime.bench import Run, example_feed, part_runs, summarize_ms, time_in_turns
 from vioapr.runtime.session import open_session
 from vioapr.schemas.base import to_plain
+from vioapr.schemas.regressor import RegressorSpec
 
 MODELS = {"posenet": "ResNet-34", "mobile": "MobileNetV3-Large"}
 PRECISIONS = ("fp16w", "int8w", "int8-qdq")

@@ -46,10 +46,10 @@ from vioapr.regression.batches import Batch, BatchSource
 from vioapr.regression.cache import cached_images
 from vioapr.regression.data import Samples
 from vioapr.regression.distributed import start_fabric
-from vioapr.regression.learner import Learner
+from vioapr.regression.losses import Learner
 from vioapr.regression.networks import build
 from vioapr.regression.params import TrainingParams
-from vioapr.regression.spec import RegressorSpec
+from vioapr.schemas.regressor import RegressorSpec
 from vioapr.simulation.courtyard.noise import fractal
 
 PAPER_IMAGES, PAPER_EPOCHS = 2058, 400

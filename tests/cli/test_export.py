@@ -25,12 +25,12 @@ from vioapr.schemas.contract import Regressor  # noqa: E402
 def checkpoint(tmp_path_factory):
     from vioapr.regression.checkpoint import save_regressor
     from vioapr.regression.networks import build
-    from vioapr.regression.spec import RegressorSpec
+    from vioapr.schemas.regressor import RegressorSpec
 
     torch.manual_seed(0)
     spec = RegressorSpec("mobile", ("courtyard",), resize=64, crop=56)
     path = tmp_path_factory.mktemp("checkpoint") / "regressor.safetensors"
-    save_regressor(path, build(spec), spec, {})
+    save_regressor(path, build(spec), spec)
     return path
 
 

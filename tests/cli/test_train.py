@@ -22,6 +22,7 @@ from vioapr.formats.registry import read_trajectory  # noqa: E402
 from vioapr.regression.checkpoint import load_tensors, save_regressor  # noqa: E402
 from vioapr.regression.networks import build  # noqa: E402
 from vioapr.scene.scene import Scene  # noqa: E402
+from vioapr.schemas.regressor import RegressorHeader, StateHeader  # noqa: E402
 
 SMALL = ("--model", "mobile", "--resize", 36, "--crop", 32, "--batch-size", 8, "--lr", 1e-3)
 FRAMES = 12
@@ -46,12 +47,12 @@ def regressor(tmp_path_factory):
     """A file of an untrained regressor, which predicts as well as any."""
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("regressor") / "regressor.safetensors"
-    save_regressor(path, build(spec()), spec(), {})
+    save_regressor(path, build(spec()), spec())
     return path
 
 
 def weights_in(folder):
-    return load_tensors(folder / "regressor.safetensors", "regressor")[0]
+    return load_tensors(folder / "regressor.safetensors", RegressorHeader)[0]
 
 
 def are_equal(one, other):
@@ -154,7 +155,7 @@ def test_resuming_after_a_kill(run, scene, tmp_path):
             time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
-    done = len(load_tensors(out / "state.safetensors", "state")[1]["epochs"])
+    done = len(load_tensors(out / "state.safetensors", StateHeader)[1].epochs)
     assert 1 <= done < 6
     code, text, err = run(*arguments, out, "--resume")
     assert code == 0, err
@@ -168,9 +169,9 @@ def test_a_run_is_not_overwritten(run, fails, scene, tmp_path):
     before = content_of(tmp_path / "run")
     assert "found state.safetensors: --resume goes on with it" in fails(*arguments)
     line = fails(*arguments, "--resume", "--epochs", 2)
-    assert "same params, epochs differ: 1 then, 2 now" in line
+    assert "same params: epochs 1 then, 2 now" in line
     line = fails(*arguments, "--resume", "--model", "posenet")
-    assert "same spec, model differ: mobile then, posenet now" in line
+    assert "same spec: model mobile then, posenet now" in line
     assert content_of(tmp_path / "run") == before
 
 
@@ -252,7 +253,7 @@ def test_a_regressor_that_cannot_be_read(fails, scene, regressor, tmp_path):
     half.write_bytes(regressor.read_bytes()[:100_000])
     assert "half.safetensors: expected a vioapr regressor; broken or half-written" in message(half)
     other = tmp_path / "other.safetensors"
-    save_regressor(other, build(spec()), spec("posenet"), {})
+    save_regressor(other, build(spec()), spec("posenet"))
     assert "other.safetensors: expected the weights of another network: " in message(other)
     assert "missing (backbone.bn1" in message(other)
     assert not out.exists()

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
+from vioapr.schemas.regressor import IMAGE_MEAN, IMAGE_STD
 
 
 class TinyPrediction(NamedTuple):

@@ -6,7 +6,7 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
 from vioapr.errors import ParameterError  # noqa: E402
 from vioapr.export.preprocess import Preprocessor  # noqa: E402
-from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD  # noqa: E402
+from vioapr.schemas.regressor import IMAGE_MEAN, IMAGE_STD  # noqa: E402
 
 
 def picture(height, width, rng):

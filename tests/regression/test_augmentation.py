@@ -15,7 +15,7 @@ from vioapr.regression.augmentation import (
     middle_crop,
     normalize,
 )
-from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
+from vioapr.schemas.regressor import IMAGE_MEAN, IMAGE_STD
 from vioapr.simulation.rooms import BOX_CAMERA, coloured_box, render, stand_about
 
 NONE = AugmentationParams(jitter=0, hue=0)

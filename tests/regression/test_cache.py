@@ -1,4 +1,4 @@
-"""The image cache: exact, made once, made anew when images change, whole or not there."""
+"""The image cache: exact, made once, made again when images change, whole or not there."""
 
 import io
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vioapr.errors import FormatError
+from vioapr.errors import DiskFullError, FileMissingError, FormatError
 from vioapr.regression import cache
 from vioapr.regression.cache import cached_images, read_image
 
@@ -40,7 +40,7 @@ def test_decoded_once(paths, tmp_path, monkeypatch):
     assert len(ticks) == 5
 
 
-def test_made_anew_when_an_image_or_the_size_changes(paths, tmp_path):
+def test_made_again_when_an_image_or_the_size_changes(paths, tmp_path):
     file = tmp_path / "a.npy"
     before = np.array(cached_images(paths, 16, file))
     Image.new("RGB", (50, 30), (255, 0, 0)).save(paths[2])
@@ -68,9 +68,9 @@ def test_missing_and_broken_images(paths, tmp_path):
     with pytest.raises(FormatError, match=r"3\.png: expected an image that can be decoded"):
         cached_images(paths, 16, file)
     paths[3].unlink()
-    with pytest.raises(FormatError, match=r"3\.png: expected an image, found no file"):
+    with pytest.raises(FileMissingError, match=r"3\.png: expected an image, found no file"):
         cached_images(paths, 16, file)
-    with pytest.raises(FormatError, match=r"3\.png: expected an image, found no file"):
+    with pytest.raises(FileMissingError, match=r"3\.png: expected an image, found no file"):
         read_image(paths[3], 16)
     assert not list(tmp_path.glob("*.npy")) + list(tmp_path.glob(".*partial"))
 
@@ -84,8 +84,8 @@ def test_a_full_disk_leaves_nothing_half_done(paths, tmp_path, monkeypatch):
                 raise OSError(28, "No space left on device")
             return super().write(content)
 
-    monkeypatch.setattr(type(file), "open", lambda *_: Full())
-    with pytest.raises(FormatError, match="cannot be written: No space left"):
+    monkeypatch.setattr(type(file), "open", lambda *_, **__: Full())
+    with pytest.raises(DiskFullError, match="cannot be written: No space left"):
         cached_images(paths, 16, file)
     monkeypatch.undo()
     assert len(cached_images(paths, 16, file)) == 5

@@ -4,14 +4,16 @@ import json
 
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import save_file
 from tests.regression.toy import spec
 
-from vioapr.errors import FormatError
+from vioapr.errors import DiskFullError, FileMissingError, FormatError, VersionError
 from vioapr.regression import checkpoint
 from vioapr.regression.checkpoint import load, load_backbone_weights, save_regressor
 from vioapr.regression.networks import build
 from vioapr.regression.networks.mobilenet import MobileNetV3Large
+from vioapr.schemas.regressor import RegressorHeader, RunIdentity, StateHeader, Trained
 
 
 @pytest.fixture
@@ -20,7 +22,7 @@ def saved(tmp_path):
     network = build(spec())
     network.set_unit(0, torch.tensor([1.0, 2.0, 3.0]), 4.0)
     path = tmp_path / "run" / "regressor.safetensors"
-    save_regressor(path, network, spec(), {"epoch": 3})
+    save_regressor(path, network, spec(), Trained(epoch=3))
     return path, network
 
 
@@ -29,7 +31,7 @@ def test_saved_and_loaded(saved):
     for given in (path, path.parent):
         loaded = load(given)
         assert loaded.spec == spec()
-        assert loaded.trained == {"epoch": 3}
+        assert loaded.trained == Trained(epoch=3)
         assert not loaded.network.training
         images = torch.randn(2, 3, 32, 32)
         for mine, theirs in zip(loaded.network(images), network.eval()(images), strict=True):
@@ -54,29 +56,77 @@ def test_half_written(saved, kept):
 
 def test_something_else(saved, tmp_path):
     path, _ = saved
-    with pytest.raises(FormatError, match="found no file of this name"):
+    with pytest.raises(FileMissingError, match="found no file of this name"):
         load(tmp_path / "none.safetensors")
     save_file({"a": torch.zeros(1)}, path)
     with pytest.raises(FormatError, match="got other safetensors"):
         load(path)
-    checkpoint.save_tensors(path, "state", {}, {})
-    with pytest.raises(FormatError, match="expected a vioapr regressor, got a vioapr training"):
+    run = RunIdentity(spec=spec(), params={}, samples="")
+    checkpoint.save_tensors(path, {}, StateHeader(run=run))
+    expected = 'expected "format": "vioapr regressor", got .vioapr training state.'
+    with pytest.raises(FormatError, match=expected):
         load(path)
+
+
+OLD_HEADER = {
+    "format": "vioapr regressor",
+    "version": 1,
+    "spec": {"model": "mobile", "scenes": ["Box"], "rotation": "6d", "resize": 36, "crop": 32,
+             "dropout": None, "orientation_layers": 6},
+    "trained": {
+        "epoch": 2,
+        "params": {"epochs": 2, "augmentation": {"jitter": 0.5}},
+        "last_epoch": {"loss": 3.5, "lr": 0.001, "images_per_s": 25.3, "validation_score": 2.75},
+        "images": 32,
+    },
+}  # fmt: skip
+"""As regressors have it that were written before headers were typed."""
+
+
+def test_the_header_of_an_older_file_is_read_and_written_the_same(saved):
+    path, network = saved
+    tensors = {name: value.clone() for name, value in network.state_dict().items()}
+    save_file(tensors, path, metadata={"vioapr": json.dumps(OLD_HEADER)})
+    loaded = load(path)
+    assert loaded.spec == spec()
+    assert loaded.trained.last_epoch.validation_score == 2.75
+    save_regressor(path, network, loaded.spec, loaded.trained)
+    with safe_open(path, framework="pt") as file:
+        assert json.loads(file.metadata()["vioapr"]) == OLD_HEADER
+    assert json.loads(path.with_suffix(".json").read_text()) == OLD_HEADER
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"spec": {"model": "mobile"}}, "spec: object missing required field `scenes`"),
+        ({"spec": {"model": "mobile", "scenes": []}}, "specification: scenes: expected at least"),
+        ({"spec": {"model": "net", "scenes": ["A"]}}, "specification: unknown model 'net'"),
+        ({"spec": {"model": "mobile", "scenes": ["A"], "crop": "wide"}}, "spec.crop: expected"),
+        ({"trained": {"epoch": "two"}}, "trained.epoch: expected `int | null`, got `str`"),
+    ],
+)
+def test_a_broken_header_says_which_member(saved, change, expected):
+    path, _ = saved
+    save_file({"a": torch.zeros(1)}, path, metadata={"vioapr": json.dumps(OLD_HEADER | change)})
+    with pytest.raises(FormatError) as caught:
+        load(path)
+    assert expected in str(caught.value)
 
 
 def test_weights_that_do_not_fit_their_specification(saved):
     path, network = saved
-    save_regressor(path, network, spec("posenet"), {})
+    save_regressor(path, network, spec("posenet"))
     with pytest.raises(FormatError, match=r"another network: \d+ missing \(backbone\.bn1"):
         load(path)
 
 
 def test_a_newer_version(saved, monkeypatch):
     path, network = saved
-    monkeypatch.setattr(checkpoint, "_VERSION", 2)
-    save_regressor(path, network, spec(), {})
+    monkeypatch.setattr(RegressorHeader, "VERSION", 2)
+    save_regressor(path, network, spec())
     monkeypatch.undo()
-    with pytest.raises(FormatError, match="expected version 1, got 2: a newer vioapr's"):
+    with pytest.raises(VersionError, match="expected version 1, got 2: a newer vioapr's"):
         load(path)
 
 
@@ -88,10 +138,10 @@ def test_a_full_disk_spares_what_was_there(saved, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(checkpoint, "save_file", fail)
-    with pytest.raises(FormatError, match="cannot be written: .*No space left"):
-        save_regressor(path, network, spec(), {"epoch": 4})
+    with pytest.raises(DiskFullError, match="cannot be written: .*No space left"):
+        save_regressor(path, network, spec(), Trained(epoch=4))
     assert path.read_bytes() == before
-    assert load(path).trained == {"epoch": 3}
+    assert load(path).trained == Trained(epoch=3)
 
 
 def imagenet_weights():
@@ -142,5 +192,5 @@ def test_broken_weights(tmp_path):
     torch.save([1, 2], path)
     with pytest.raises(FormatError, match="expected a state_dict"):
         load_backbone_weights(build(spec()), path)
-    with pytest.raises(FormatError, match="found no file"):
+    with pytest.raises(FileMissingError, match="found no file"):
         load_backbone_weights(build(spec()), tmp_path / "none.pth")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.regression.toy import make_scene
 
-from vioapr.errors import FormatError, TrainingError
+from vioapr.errors import FileMissingError, TrainingError
 from vioapr.regression import cache
 from vioapr.regression.data import load_samples, posed_frames, split_frames
 
@@ -67,7 +67,7 @@ def test_fingerprint_changes_with_poses(scene):
 def test_no_training_images(scene):
     for id_ in scene.splits["train"]:
         scene.gt_path(id_).unlink()
-    with pytest.raises(FormatError, match="expected ground truth, found none: run vioapr map"):
+    with pytest.raises(FileMissingError, match="expected ground truth, found none: run vioapr map"):
         split_frames([scene], "train")
     empty = scene
     for id_ in scene.splits["train"]:

@@ -15,8 +15,8 @@ from vioapr.cli import main
 from vioapr.errors import ParameterError
 from vioapr.regression.checkpoint import load, load_tensors
 from vioapr.regression.distributed import SharedBatchNorm, synchronize_norms
-from vioapr.regression.files import STATE_FILE
-from vioapr.regression.journal import Journal
+from vioapr.regression.state import Journal
+from vioapr.schemas.regressor import STATE_FILE, StateHeader
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = ["--model", "mobile", "--resize", "36", "--crop", "32", "--dropout", "0"]
@@ -44,7 +44,7 @@ def run_script(scene, out, model, devices, epochs, batch):
     else:
         done = run_python(training_script.__file__, *arguments)
         assert done.returncode == 0, done.stderr
-    return load_tensors(out / STATE_FILE, "state")
+    return load_tensors(out / STATE_FILE, StateHeader)
 
 
 def flattened(tensors, ending):
@@ -59,7 +59,7 @@ def test_one_step(scene, tmp_path, model):
         run_script(scene, tmp_path / str(devices), model, devices, epochs=1, batch=32)
         for devices in (1, 2)
     )
-    assert said["epochs"][0]["loss"] == pytest.approx(also_said["epochs"][0]["loss"], rel=1e-4)
+    assert said.epochs[0].loss == pytest.approx(also_said.epochs[0].loss, rel=1e-4)
     assert one.keys() == two.keys()
     gradients = [flattened(tensors, ".exp_avg") for tensors in (one, two)]
     torch.testing.assert_close(*gradients, rtol=0, atol=2e-3 * float(gradients[0].abs().max()))
@@ -78,10 +78,10 @@ def test_several_epochs_and_what_is_kept(scene, tmp_path):
         run_script(scene, tmp_path / str(devices), "mobile", devices, epochs="2+1", batch=16)
         for devices in (1, 2)
     )
-    assert len(one["epochs"]) == len(two["epochs"]) == 3
-    for mine, theirs in zip(one["epochs"], two["epochs"], strict=True):
-        assert mine["loss"] == pytest.approx(theirs["loss"], rel=0.02)
-        assert mine["validation_score"] == pytest.approx(theirs["validation_score"], rel=0.02)
+    assert len(one.epochs) == len(two.epochs) == 3
+    for mine, theirs in zip(one.epochs, two.epochs, strict=True):
+        assert mine.loss == pytest.approx(theirs.loss, rel=0.02)
+        assert mine.validation_score == pytest.approx(theirs.validation_score, rel=0.02)
     images = torch.randn(4, 3, 32, 32, generator=torch.Generator().manual_seed(0))
     found = [load(tmp_path / name).network(images).position_m for name in "12"]
     torch.testing.assert_close(*found, rtol=0, atol=0.02)
@@ -101,11 +101,11 @@ def test_the_command_line(scene, tmp_path, monkeypatch):
         # Only the first process speaks.
         assert done.stdout.count("regressor: ") == 1
     one, *others = (
-        load_tensors(tmp_path / name / STATE_FILE, "state")[1]["epochs"]
+        load_tensors(tmp_path / name / STATE_FILE, StateHeader)[1].epochs
         for name in ("one", "two", "stopped")
     )
-    losses = [pytest.approx(record["loss"], rel=0.02) for record in one]
-    assert [[record["loss"] for record in epochs] for epochs in others] == [losses, losses]
+    losses = [pytest.approx(record.loss, rel=0.02) for record in one]
+    assert [[record.loss for record in epochs] for epochs in others] == [losses, losses]
 
 
 def stop_after_one_epoch(original):

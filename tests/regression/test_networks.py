@@ -13,7 +13,7 @@ from vioapr.regression.networks.blocks import InvertedResidual
 from vioapr.regression.networks.efficientnet import EfficientNetB0
 from vioapr.regression.networks.mobilenet import MobileNetV3Large
 from vioapr.regression.networks.resnet import ResNet34
-from vioapr.regression.spec import RegressorSpec
+from vioapr.schemas.regressor import RegressorSpec
 
 
 def count(module):

@@ -8,18 +8,19 @@ import pytest
 import torch
 from tests.regression.toy import make_scene, params, spec
 
-from vioapr.errors import FormatError, ParameterError, TrainingError
+from vioapr.errors import FileMissingError, FormatError, ParameterError, TrainingError
 from vioapr.geometry import quaternion
 from vioapr.regression import training
 from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.batches import Batch, BatchSource, epoch_order
 from vioapr.regression.checkpoint import load, load_tensors, save_tensors
 from vioapr.regression.data import load_samples, split_frames
-from vioapr.regression.files import STATE_FILE
-from vioapr.regression.learner import Learner, Run, set_units
+from vioapr.regression.losses import Learner
 from vioapr.regression.networks import build
 from vioapr.regression.params import AugmentationParams, LossParams, PositionStageParams
+from vioapr.regression.run import Run, set_units
 from vioapr.regression.training import train
+from vioapr.schemas.regressor import STATE_FILE, StateHeader
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +83,7 @@ def test_every_model_can_learn_one_batch_by_heart(samples, model, loss, lr):
 
 
 def weights_of(run):
-    return load_tensors(run.folder / STATE_FILE, "state")[0]
+    return load_tensors(run.folder / STATE_FILE, StateHeader)[0]
 
 
 @pytest.mark.parametrize(("epochs", "stopped_at"), [(3, 1), (3, 3), (3, 5), (1, 3), (1, 5)])
@@ -135,20 +136,20 @@ def test_the_second_stage_teaches_positions_alone(make_run, model):
         f"learner.network.{head}.{part}" for head in heads for part in ("weight", "bias")
     }
     # Its loss is of the position alone, and its learning rate begins anew.
-    assert epochs[2]["loss"] < epochs[1]["loss"]
-    assert [record["lr"] for record in epochs] == pytest.approx([1e-4, 1e-3, 1e-5])
+    assert epochs[2].loss < epochs[1].loss
+    assert [record.lr for record in epochs] == pytest.approx([1e-4, 1e-3, 1e-5])
 
 
 def test_a_state_from_before_there_were_two_stages(make_run):
     run = make_run(epochs=1)
     train(run)
     path = run.folder / STATE_FILE
-    tensors, content = load_tensors(path, "state")
+    tensors, header = load_tensors(path, StateHeader)
     for name in ("eps", "position_stage"):
-        del content["run"]["params"][name]
-    save_tensors(path, "state", tensors, content)
+        del header.run.params[name]
+    save_tensors(path, tensors, header)
     assert len(train(make_run(epochs=1), resume=True).epochs) == 1
-    with pytest.raises(ParameterError, match="eps differ: 1e-08 then, 1e-10 now"):
+    with pytest.raises(ParameterError, match="same params: eps 1e-08 then, 1e-10 now"):
         train(make_run(epochs=1, eps=1e-10), resume=True)
 
 
@@ -173,7 +174,7 @@ def test_the_best_epoch_is_kept(make_run, monkeypatch):
     run = make_run(epochs=3)
     assert train(run).best == 1
     loaded = load(run.folder)
-    assert loaded.trained["epoch"] == 2
+    assert loaded.trained.epoch == 2
     # Stated uncertainties grow by what validation found; training goes on without.
     expected = 2**0.5 * torch.tensor([2.0, 3.0])
     torch.testing.assert_close(loaded.network.sigma_scale, expected)
@@ -183,7 +184,7 @@ def test_the_best_epoch_is_kept(make_run, monkeypatch):
 def test_without_validation_the_last_epoch_is_kept(make_run):
     run = make_run(validates=False, epochs=2)
     train(run)
-    assert load(run.folder).trained["epoch"] == 2
+    assert load(run.folder).trained.epoch == 2
 
 
 def test_patience(make_run, monkeypatch):
@@ -206,7 +207,7 @@ def test_a_loss_that_is_no_number(make_run, monkeypatch):
         return loss * float("nan") if len(steps) == 4 else loss
 
     monkeypatch.setattr(Learner, "forward", forward)
-    with pytest.raises(TrainingError, match=r"epoch 2, step 2: try a lower --lr than 0\.001"):
+    with pytest.raises(TrainingError, match=r"epoch 2, step 2: try a lower `lr` than 0\.001"):
         train(run)
     # What the first epoch left is whole, and training can go on from it.
     monkeypatch.undo()
@@ -226,20 +227,20 @@ def test_out_of_memory(make_run, monkeypatch):
         raise RuntimeError("DefaultCPUAllocator: not enough memory: you tried to allocate 9 bytes")
 
     monkeypatch.setattr(Learner, "forward", forward)
-    with pytest.raises(TrainingError, match="batch of 16 images of 32 pixels: try --batch-size 8"):
+    with pytest.raises(TrainingError, match="batch of 16 images of 32 pixels: try `batch_size` 8"):
         train(make_run())
 
 
 def test_runs_are_not_overwritten_or_mixed(make_run):
     run = make_run(epochs=1)
-    with pytest.raises(FormatError, match="to resume, found none"):
+    with pytest.raises(FileMissingError, match="to resume, found none"):
         train(run, resume=True)
     train(run)
-    with pytest.raises(ParameterError, match="--resume goes on with it"):
+    with pytest.raises(ParameterError, match="`resume` goes on with it"):
         train(make_run(epochs=1))
-    with pytest.raises(ParameterError, match="same params, lr differ: 0.001 then, 0.01 now"):
+    with pytest.raises(ParameterError, match="same params: lr 0.001 then, 0.01 now"):
         train(make_run(epochs=1, lr=0.01), resume=True)
-    with pytest.raises(ParameterError, match="same spec, model differ: mobile then, posenet now"):
+    with pytest.raises(ParameterError, match="same spec: model mobile then, posenet now"):
         train(make_run(epochs=1, model="posenet"), resume=True)
     (run.folder / STATE_FILE).write_bytes(b"half")
     with pytest.raises(FormatError, match="broken or half-written"):
@@ -263,7 +264,7 @@ def test_images_a_second_are_those_that_there_were(make_run, monkeypatch):
     clock = iter([10.0, 14.0])
     monkeypatch.setattr(training, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
     (record,) = train(make_run(epochs=1, batch_size=64)).epochs
-    assert record["images_per_s"] == 32 / 4
+    assert record.images_per_s == 32 / 4
 
 
 def test_tensorboard_logs_are_written(make_run):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vioapr.regression.params import TrainingParams
-from vioapr.regression.spec import RegressorSpec
+from vioapr.schemas.regressor import RegressorSpec
 from vioapr.scene.scene import Scene
 from vioapr.simulation.rooms import make_box_scene
 

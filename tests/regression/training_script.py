@@ -15,10 +15,10 @@ import torch
 from tests.regression.toy import params, spec
 
 from vioapr.regression.data import load_samples, split_frames
-from vioapr.regression.learner import Run, set_units
 from vioapr.regression.networks import build
 from vioapr.regression.networks.blocks import StochasticDepth
 from vioapr.regression.params import PositionStageParams
+from vioapr.regression.run import Run, set_units
 from vioapr.regression.training import train
 from vioapr.scene.scene import Scene
 

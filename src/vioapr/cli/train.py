@@ -11,11 +11,11 @@ from vioapr.cli.console import console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
 from vioapr.regression.params import TrainingParams, batches_of_epoch
-from vioapr.regression.spec import RegressorSpec
 from vioapr.scene.scene import Scene
+from vioapr.schemas.regressor import RegressorSpec
 
 if TYPE_CHECKING:
-    from vioapr.regression.journal import Journal
+    from vioapr.regression.state import Journal
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
@@ -61,7 +61,7 @@ def train(
     """
     require_torch("vioapr train")
     from vioapr.regression.networks import check_model
-    from vioapr.regression.preparing import choose_frames, prepare_run
+    from vioapr.regression.run import choose_frames, prepare_run
     from vioapr.regression.training import train as run_training
 
     if not scenes:
@@ -82,11 +82,11 @@ def train(
 
 def _print_result(journal: Journal, folder: Path) -> None:
     best = journal.epochs[journal.best]
-    text = f"{len(journal.epochs)} epochs, {best['images_per_s']:.0f} images/s"
-    if "validation_position_m" in best:
+    text = f"{len(journal.epochs)} epochs, {best.images_per_s:.0f} images/s"
+    if best.validation_position_m is not None:
         text += (
-            f", best epoch {journal.best + 1}: {best['validation_position_m']:.3f} m, "
-            f"{best['validation_orientation_deg']:.2f} deg on the validation recordings"
+            f", best epoch {journal.best + 1}: {best.validation_position_m:.3f} m, "
+            f"{best.validation_orientation_deg:.2f} deg on the validation recordings"
         )
     console.print(text)
     console.print(f"regressor: {folder}", soft_wrap=True)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from vioapr.errors import ParameterError
-from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
+from vioapr.schemas.regressor import IMAGE_MEAN, IMAGE_STD
 
 _BLOCK = 16
 """Output rows that share a window of input rows."""

@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from vioapr.geometry import quaternion
 from vioapr.regression.params import AugmentationParams
-from vioapr.regression.spec import IMAGE_MEAN, IMAGE_STD
+from vioapr.schemas.regressor import IMAGE_MEAN, IMAGE_STD
 
 # Luma, and two axes of colour in which a turn is a change of hue (NTSC).
 _YIQ = torch.tensor(
@@ -24,7 +24,7 @@ _RGB = torch.linalg.inv(_YIQ)
 
 
 class Draw(NamedTuple):
-    """What is random of B images.
+    """The random numbers of B images.
 
     Attributes:
         corner: (B, 2), row and column of the crop as parts of the margin, 0 to 1.
@@ -37,30 +37,30 @@ class Draw(NamedTuple):
     turn: Tensor
 
     def to(self, device: torch.device) -> Draw:
-        """On a device."""
+        """Move to a device."""
         return Draw(*(values.to(device, non_blocking=True) for values in self))
 
     def part(self, rows: slice) -> Draw:
-        """Of some images."""
+        """Choose those of some images."""
         return Draw(*(values[rows] for values in self))
 
 
 def draw(count: int, generator: torch.Generator) -> Draw:
-    """For so many images."""
+    """Draw the random numbers of `count` images."""
     corner = torch.rand(count, 2, generator=generator)
     colour = 2 * torch.rand(count, 4, generator=generator) - 1
     return Draw(corner, colour, 2 * torch.rand(count, 3, generator=generator) - 1)
 
 
 def middle_crop(images: Tensor, size: int) -> Tensor:
-    """The middle of images (B, H, W, 3), uint8, as (B, 3, size, size), normalized."""
+    """Cut out the middle of images (B, H, W, 3), uint8: (B, 3, size, size), normalized."""
     top, left = ((side - size) // 2 for side in images.shape[1:3])
     cropped = images[:, top : top + size, left : left + size]
     return normalize(cropped.permute(0, 3, 1, 2).to(torch.float32) / 255)
 
 
 def normalize(images: Tensor) -> Tensor:
-    """RGB of 0 to 1, shape (B, 3, H, W), as networks take it."""
+    """Normalize RGB of 0 to 1, shape (B, 3, H, W), as networks take it."""
     mean, std = (
         torch.tensor(values, device=images.device)[:, None, None]
         for values in (IMAGE_MEAN, IMAGE_STD)
@@ -76,7 +76,7 @@ def augment(
     params: AugmentationParams,
     drawn: Draw,
 ) -> tuple[Tensor, Tensor]:
-    """Vary a batch.
+    """Vary a batch: turned or cropped at random, its colours jittered.
 
     Args:
         images: (B, H, W, 3), uint8.
@@ -84,22 +84,31 @@ def augment(
         camera: (B, 4), fx, fy, cx, cy over width and height.
         size: Of the crop.
         params: How much.
-        drawn: What is random.
+        drawn: Its random numbers.
 
     Returns:
         Images (B, 3, size, size), normalized, and the rotations that they show, (B, 4).
     """
     if params.turn_deg > 0:
         old_from_new = quaternion.from_rotvec(torch.deg2rad(drawn.turn * params.turn_deg))
-        views = _turned(images, old_from_new, camera, size)
+        views = turn_camera(images, old_from_new, camera, size)
         quat_xyzw = quaternion.multiply(quat_xyzw, old_from_new)
     else:
-        views = _crops(images, drawn.corner, size)
-    return normalize(_jittered(views, params, drawn.colour)), quat_xyzw
+        views = crop_at(images, drawn.corner, size)
+    return normalize(jitter_colour(views, params, drawn.colour)), quat_xyzw
 
 
-def _crops(images: Tensor, corner: Tensor, size: int) -> Tensor:
-    """Crops (B, 3, size, size) of 0 to 1 at corners (B, 2) of 0 to 1."""
+def crop_at(images: Tensor, corner: Tensor, size: int) -> Tensor:
+    """Crop every image at a corner of its own.
+
+    Args:
+        images: (B, H, W, 3), uint8.
+        corner: (B, 2), see `Draw`.
+        size: Of the crop.
+
+    Returns:
+        Shape (B, 3, size, size), 0 to 1.
+    """
     margin = torch.tensor([side - size + 1 for side in images.shape[1:3]], device=images.device)
     first = (corner * margin).to(torch.int64)
     steps = torch.arange(size, device=images.device)
@@ -109,8 +118,20 @@ def _crops(images: Tensor, corner: Tensor, size: int) -> Tensor:
     return views.permute(0, 3, 1, 2).to(torch.float32) / 255
 
 
-def _turned(images: Tensor, old_from_new: Tensor, camera: Tensor, size: int) -> Tensor:
-    """What the middle of the camera would show if it were turned; grey where nothing is known."""
+def turn_camera(images: Tensor, old_from_new: Tensor, camera: Tensor, size: int) -> Tensor:
+    """Show the middle of each image as a turned camera would; grey where nothing is known.
+
+    Exact whatever the depth: a rotation about the camera's centre is a homography.
+
+    Args:
+        images: (B, H, W, 3), uint8.
+        old_from_new: (B, 4), rotation of the camera.
+        camera: (B, 4), see `augment`.
+        size: Of the part that is shown.
+
+    Returns:
+        Shape (B, 3, size, size), 0 to 1.
+    """
     height, width = images.shape[1:3]
     axis_y, axis_x = (
         (torch.arange(size, device=images.device) + (side - size) // 2 + 0.5) / side
@@ -129,23 +150,27 @@ def _turned(images: Tensor, old_from_new: Tensor, camera: Tensor, size: int) -> 
     return seen + 0.5
 
 
-def _jittered(images: Tensor, params: AugmentationParams, colour: Tensor) -> Tensor:
-    """Colours of images (B, 3, H, W) of 0 to 1, varied by (B, 4) of -1 to 1."""
+def jitter_colour(images: Tensor, params: AugmentationParams, colour: Tensor) -> Tensor:
+    """Vary brightness, contrast, saturation and hue of images (B, 3, H, W) of 0 to 1.
+
+    All four at once, as one affine map of RGB an image.
+
+    Args:
+        images: RGB.
+        params: By how much at most.
+        colour: (B, 4), see `Draw`.
+    """
     if params.jitter == 0 and params.hue == 0:
         return images
     brightness, contrast, saturation = (1 + params.jitter * colour[:, :3]).unbind(dim=-1)
-    mixing = _colour_matrix(saturation, colour[:, 3] * params.hue * 2 * torch.pi)
+    hue_rad = colour[:, 3] * params.hue * 2 * torch.pi
+    cosine, sine = saturation * torch.cos(hue_rad), saturation * torch.sin(hue_rad)
+    zero, one = torch.zeros_like(cosine), torch.ones_like(cosine)
+    rows = (one, zero, zero, zero, cosine, -sine, zero, sine, cosine)
+    turned = torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+    mixing = _RGB.to(images.device) @ turned @ _YIQ.to(images.device)
     gain = (brightness * contrast)[:, None, None] * mixing
     mean = brightness[:, None] * torch.einsum("bij,bj->bi", mixing, images.mean(dim=(2, 3)))
     shift = (1 - contrast)[:, None] * mean.mean(dim=-1, keepdim=True)
     varied = torch.einsum("bij,bjhw->bihw", gain, images) + shift[:, :, None, None]
     return varied.clamp(0, 1)
-
-
-def _colour_matrix(saturation: Tensor, hue_rad: Tensor) -> Tensor:
-    """Of RGB to RGB, shape (B, 3, 3)."""
-    cosine, sine = saturation * torch.cos(hue_rad), saturation * torch.sin(hue_rad)
-    zero, one = torch.zeros_like(cosine), torch.ones_like(cosine)
-    rows = (one, zero, zero, zero, cosine, -sine, zero, sine, cosine)
-    turned = torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
-    return _RGB.to(hue_rad.device) @ turned @ _YIQ.to(hue_rad.device)

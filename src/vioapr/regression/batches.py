@@ -25,7 +25,7 @@ _RESIDENT_SHARE = 0.4
 
 
 class Batch(NamedTuple):
-    """What a step takes; B images on the training device.
+    """The inputs of a step: B images on the training device.
 
     Attributes:
         images: (B, 3, crop, crop), normalized.
@@ -41,7 +41,7 @@ class Batch(NamedTuple):
 
 
 def epoch_order(count: int, batch_size: int, seed: int, epoch: int) -> list[NDArray[np.int64]]:
-    """The samples of every batch of an epoch; what does not fill a batch waits for another."""
+    """Order the samples of an epoch into batches; a rest that fills none waits for another."""
     order = np.random.default_rng([seed, 1, epoch]).permutation(count)
     size, batches = batches_of_epoch(count, batch_size)
     return [order[number * size : (number + 1) * size] for number in range(batches)]
@@ -60,10 +60,10 @@ class BatchSource:
         device: torch.device,
         part: tuple[int, int] = (0, 1),
     ) -> None:
-        """Of samples, for one process of several.
+        """Prepare samples for one process of several.
 
         Args:
-            samples: What to draw from.
+            samples: To draw from.
             crop: Size of the images that come out.
             params: How they are varied.
             batch_size: Of all processes together.
@@ -85,7 +85,7 @@ class BatchSource:
         self._resident = self._copy_if_small()
 
     def varied_by(self, params: AugmentationParams) -> BatchSource:
-        """The same images in the same order, varied otherwise."""
+        """Give the same images in the same order, varied otherwise."""
         other = copy.copy(self)
         other._params = params
         return other
@@ -95,7 +95,7 @@ class BatchSource:
         return batches_of_epoch(len(self._samples), self._batch_size).count
 
     def epoch(self, number: int) -> Iterator[Batch]:
-        """The batches of an epoch: this process's part of each."""
+        """Yield the batches of an epoch: this process's part of each."""
         generator = torch.Generator().manual_seed(self._seed * 1_000_003 + number)
         with ThreadPoolExecutor(1) as pool:
             pending: deque[tuple[NDArray[np.int64], Draw, Future[Tensor]]] = deque()

@@ -1,15 +1,12 @@
-"""Regressors and states of training on disk: safetensors with a JSON header in one file.
+"""Regressors on disk: safetensors with a JSON header in one file.
 
-One file, written under another name and moved when whole, is either old or new, never half of
-each; a copy of the header lies beside it for people.
+The one file is either old or new, never half of each; a copy of the header lies beside it.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -17,13 +14,19 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from vioapr.errors import FileMissingError, FormatError, ParameterError, UnwritableError
-from vioapr.regression.files import REGRESSOR_FILE, note_of
+from vioapr.files.atomic import replacing, write_atomically
 from vioapr.regression.networks import PoseNetwork, build
-from vioapr.regression.spec import RegressorSpec
+from vioapr.schemas.base import Document, DocumentType, decode, encode
+from vioapr.schemas.regressor import (
+    REGRESSOR_FILE,
+    RegressorHeader,
+    RegressorSpec,
+    Trained,
+    note_of,
+)
 
-_FORMATS = {"regressor": "vioapr regressor", "state": "vioapr training state"}
-_VERSION = 1
 _HEADER = "vioapr"
+"""The header's name in the metadata."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,60 +35,97 @@ class LoadedRegressor:
 
     Attributes:
         network: In evaluation mode, on the CPU.
-        spec: What it is, and what it must be fed with.
-        trained: How it was trained, and what came out, for people.
+        spec: The network's specification.
+        trained: Where its weights come from, for people.
     """
 
     network: PoseNetwork
     spec: RegressorSpec
-    trained: dict[str, Any]
+    trained: Trained
 
 
 def save_regressor(
-    path: Path, network: PoseNetwork, spec: RegressorSpec, trained: dict[str, Any]
+    path: Path, network: PoseNetwork, spec: RegressorSpec, trained: Trained | None = None
 ) -> None:
     """Write a regressor, whole or not at all.
 
     Raises:
-        FormatError: It cannot be written; what was there stays.
+        UnwritableError: It cannot be written; what was there stays.
     """
-    content = {"spec": spec.to_json(), "trained": trained}
-    save_tensors(path, "regressor", dict(network.state_dict()), content)
+    header = RegressorHeader(spec=spec, trained=trained or Trained())
+    save_tensors(path, dict(network.state_dict()), header)
 
 
 def load(path: Path) -> LoadedRegressor:
-    """A regressor from its file, or from the folder that training left it in.
+    """Read a regressor from its file, or from the folder that training left it in.
 
     Raises:
-        FormatError: It is missing, broken, half-written or something else.
+        FileMissingError: There is none.
+        FormatError: It is broken, half-written or something else.
+        VersionError: A newer vioapr wrote it.
     """
     path = Path(path)
     path = path / REGRESSOR_FILE if path.is_dir() else path
-    tensors, content = load_tensors(path, "regressor")
     try:
-        spec = RegressorSpec.from_json(content["spec"])
-        network = build(spec)
-    except (KeyError, ParameterError) as error:
+        tensors, header = load_tensors(path, RegressorHeader)
+        network = build(header.spec)
+    except ParameterError as error:
         raise FormatError(path, f"expected a regressor's specification: {error}") from None
-    load_into(network, tensors, path)
-    return LoadedRegressor(network.eval(), spec, content.get("trained", {}))
-
-
-def load_into(network: PoseNetwork, tensors: dict[str, Tensor], path: Path) -> None:
-    """Set a network's weights, all of them.
-
-    Raises:
-        FormatError: Names or shapes differ; says which.
-    """
-    own = network.state_dict()
-    problem = describe_differences(own, tensors)
+    problem = describe_differences(network.state_dict(), tensors)
     if problem:
         raise FormatError(path, f"expected the weights of another network: {problem}")
     network.load_state_dict(tensors)
+    return LoadedRegressor(network.eval(), header.spec, header.trained)
+
+
+def save_tensors(path: Path, tensors: dict[str, Tensor], header: Document) -> None:
+    """Write tensors and their header, and the header's copy beside them.
+
+    Args:
+        path: The file, ending in .safetensors.
+        tensors: By name.
+        header: Says what they are.
+
+    Raises:
+        UnwritableError: It cannot be written; what was there stays.
+    """
+    owned = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    try:
+        with replacing(path) as partial:
+            save_file(owned, partial, metadata={_HEADER: encode(header, indent=None)})
+    except SafetensorError as error:  # of the system, as the library reports it
+        raise UnwritableError(path, f"cannot be written: {error}") from None
+    write_atomically(note_of(path), encode(header, indent=1).encode())
+
+
+def load_tensors(path: Path, kind: type[DocumentType]) -> tuple[dict[str, Tensor], DocumentType]:
+    """Read a file of `save_tensors`.
+
+    Args:
+        path: The file.
+        kind: The header that is expected.
+
+    Raises:
+        FileMissingError: There is none.
+        FormatError: It is broken, half-written or of another kind.
+        VersionError: A newer vioapr wrote it.
+    """
+    if not path.is_file():
+        raise FileMissingError(path, f"expected a {kind.FORMAT}, found no file of this name")
+    try:
+        with safe_open(path, framework="pt") as file:
+            text = (file.metadata() or {}).get(_HEADER)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, ValueError, RuntimeError) as error:
+        problem = f"expected a {kind.FORMAT}; broken or half-written: {error}"
+        raise FormatError(path, problem) from None
+    if text is None:
+        raise FormatError(path, f"expected a {kind.FORMAT}, got other safetensors")
+    return tensors, decode(path, text, kind)
 
 
 def describe_differences(own: dict[str, Tensor], given: dict[str, Tensor]) -> str | None:
-    """How names and shapes differ, or None."""
+    """Say how names and shapes of a network's tensors differ from those given, or None."""
     missing, unknown = sorted(own.keys() - given.keys()), sorted(given.keys() - own.keys())
     wrong = [
         f"{name} {tuple(given[name].shape)} instead of {tuple(own[name].shape)}"
@@ -100,67 +140,8 @@ def describe_differences(own: dict[str, Tensor], given: dict[str, Tensor]) -> st
     return "; ".join(parts) or None
 
 
-def save_tensors(
-    path: Path, kind: str, tensors: dict[str, Tensor], content: dict[str, Any]
-) -> None:
-    """Write tensors and plain values.
-
-    Args:
-        path: The file, ending in .safetensors.
-        kind: "regressor" or "state".
-        tensors: By name.
-        content: Anything that JSON can say.
-
-    Raises:
-        FormatError: It cannot be written; what was there stays.
-    """
-    header = {"format": _FORMATS[kind], "version": _VERSION, **content}
-    owned = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    partial = path.with_name(f".{path.name}.partial")
-    note = note_of(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save_file(owned, partial, metadata={_HEADER: json.dumps(header)})
-        partial.replace(path)
-        note_partial = note.with_name(f".{note.name}.partial")
-        note_partial.write_text(json.dumps(header, indent=1) + "\n")
-        note_partial.replace(note)
-    except (OSError, SafetensorError) as error:
-        if isinstance(error, OSError):
-            raise UnwritableError.of(path, error) from None
-        raise UnwritableError(path, f"cannot be written: {error}") from None
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def load_tensors(path: Path, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Inverse of `save_tensors`.
-
-    Raises:
-        FormatError: It is missing, broken or of another kind.
-    """
-    expected = _FORMATS[kind]
-    if not path.is_file():
-        raise FileMissingError(path, f"expected a {expected}, found no file of this name")
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = json.loads((file.metadata() or {})[_HEADER])
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except KeyError:
-        raise FormatError(path, f"expected a {expected}, got other safetensors") from None
-    except (OSError, SafetensorError, ValueError, RuntimeError) as error:
-        problem = f"expected a {expected}; broken or half-written: {error}"
-        raise FormatError(path, problem) from None
-    if header.get("format") != expected:
-        raise FormatError(path, f"expected a {expected}, got a {header.get('format')}")
-    if header.get("version") != _VERSION:
-        found = header.get("version")
-        raise FormatError(path, f"expected version {_VERSION}, got {found}: a newer vioapr's?")
-    return tensors, header
-
-
 def load_backbone_weights(network: PoseNetwork, path: Path) -> None:
-    """Pretrained weights of the backbone, e.g. torchvision's of ImageNet, from a local file.
+    """Set a network's backbone to pretrained weights, e.g. torchvision's of ImageNet.
 
     Args:
         network: Its backbone's weights are replaced.
@@ -168,15 +149,17 @@ def load_backbone_weights(network: PoseNetwork, path: Path) -> None:
             (`fc.*`, `classifier.*`) is left out.
 
     Raises:
-        FormatError: It is missing or broken, or of another network; says which names differ.
+        FileMissingError: There is no such file.
+        FormatError: It is broken, or of another network; says which names differ.
     """
     backbone: torch.nn.Module = network.backbone  # type: ignore[assignment]
     given = {
         name.removeprefix("module."): value
-        for name, value in _read_weights(path).items()
+        for name, value in read_state_dict(path).items()
         if not name.removeprefix("module.").startswith(("fc.", "classifier."))
     }
     own = backbone.state_dict()
+    # Before PyTorch 0.4.1 batches were not counted.
     counters = {name for name in own if name.endswith("num_batches_tracked")}
     given = {name: own[name] for name in counters} | given
     problem = describe_differences(own, given)
@@ -185,7 +168,13 @@ def load_backbone_weights(network: PoseNetwork, path: Path) -> None:
     backbone.load_state_dict(given)
 
 
-def _read_weights(path: Path) -> dict[str, Tensor]:
+def read_state_dict(path: Path) -> dict[str, Tensor]:
+    """Read tensors by name: `.safetensors`, or PyTorch's own format, without running its code.
+
+    Raises:
+        FileMissingError: There is no such file.
+        FormatError: It is broken, or holds something else.
+    """
     if not path.is_file():
         raise FileMissingError(path, "expected weights, found no file of this name")
     try:

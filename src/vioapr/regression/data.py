@@ -1,4 +1,4 @@
-"""What a network learns from: images of recordings and their poses."""
+"""The images of recordings and their poses, from which a network learns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, TrainingError
+from vioapr.errors import FileMissingError, TrainingError
 from vioapr.regression.cache import CACHE_FOLDER, cached_images
 from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import Scene
@@ -44,15 +44,16 @@ class PosedFrames:
 
 
 def posed_frames(scene: Scene, id_: str) -> PosedFrames:
-    """Of one recording.
+    """Find the frames of a recording that have an image and ground truth.
 
     Raises:
-        FormatError: The recording or its ground truth is broken or missing.
+        FileMissingError: It has no ground truth.
+        FileError: The recording or its ground truth is broken.
     """
     gt = scene.gt(id_)
     if gt is None:
         problem = "expected ground truth, found none: run vioapr map, or import it"
-        raise FormatError(scene.gt_path(id_), problem)
+        raise FileMissingError(scene.gt_path(id_), problem)
     frames = scene.recording(id_).frames
     rows = np.flatnonzero(frames.has_image)
     poses = poses_of_frames(gt, frames.timestamp_s[rows])
@@ -75,11 +76,11 @@ def posed_frames(scene: Scene, id_: str) -> PosedFrames:
 def split_frames(
     scenes: Sequence[Scene], split: str, recordings: Sequence[str] | None = None
 ) -> list[PosedFrames]:
-    """All recordings of a split, or those of some ids.
+    """Find the posed frames of all recordings of a split, or of those of some ids.
 
     Raises:
         TrainingError: There is none, an id is not of the split, or no frame has ground truth.
-        FormatError: A recording is broken.
+        FileError: A recording is broken.
     """
     known = {id_ for scene in scenes for id_ in scene.splits.get(split, ())}
     for id_ in recordings or ():
@@ -130,7 +131,7 @@ class Samples:
         return len(self.row)
 
     def read(self, index: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Some images, shape (m, resize, resize, 3)."""
+        """Read some images, shape (m, resize, resize, 3)."""
         size = self.images[0].shape[1:]
         batch = np.empty((len(index), *size), dtype=np.uint8)
         for place, (recording, row) in enumerate(
@@ -155,7 +156,7 @@ def load_samples(
         tick: Called after every image.
 
     Raises:
-        FormatError: An image is missing or broken, or the disk is full.
+        FileError: An image is missing or broken, or the disk is full.
     """
     folder_of = {scene.name: scene.folder for scene in scenes}
     number_of = {scene.name: number for number, scene in enumerate(scenes)}
@@ -171,6 +172,11 @@ def load_samples(
     lengths = [len(one) for one in frames]
     position_m = np.concatenate([one.position_m for one in frames])
     quat_xyzw = np.concatenate([one.quat_xyzw for one in frames])
+    digest = hashlib.sha256()
+    for one in frames:
+        digest.update(f"{one.scene}/{one.recording} {[p.name for p in one.paths]}".encode())
+    for values in (position_m, quat_xyzw):
+        digest.update(np.ascontiguousarray(values).tobytes())
     return Samples(
         images,
         np.repeat(np.arange(len(frames)), lengths),
@@ -179,14 +185,5 @@ def load_samples(
         position_m,
         quat_xyzw,
         np.concatenate([one.camera for one in frames]),
-        _fingerprint(frames, position_m, quat_xyzw),
+        digest.hexdigest(),
     )
-
-
-def _fingerprint(frames: Sequence[PosedFrames], *poses: NDArray[np.float64]) -> str:
-    digest = hashlib.sha256()
-    for one in frames:
-        digest.update(f"{one.scene}/{one.recording} {[p.name for p in one.paths]}".encode())
-    for values in poses:
-        digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()

@@ -18,7 +18,7 @@ from vioapr.regression.params import TrainingParams
 def start_fabric(params: TrainingParams) -> Fabric:
     """Start the processes of a run; with one device nothing is started.
 
-    The other processes are this program, started again with the same arguments: what comes
+    The other processes are this program, started again with the same arguments: all that comes
     before this call happens in each of them.
 
     Raises:
@@ -42,7 +42,7 @@ def start_fabric(params: TrainingParams) -> Fabric:
     )
     fabric.launch()
     if has_gpu:
-        # The same seed shall give the same weights.
+        # The same seed gives the same weights.
         torch.backends.cudnn.deterministic = True
     return fabric
 
@@ -60,7 +60,7 @@ def ending_together(fabric: Fabric) -> Iterator[None]:
 
 
 def mean_of_processes(fabric: Fabric, value: Tensor) -> Tensor:
-    """Of a value that every process has, without gradient."""
+    """Average a value that every process has, without gradient."""
     if fabric.world_size == 1:
         return value.detach()
     summed = value.detach().clone()
@@ -70,6 +70,8 @@ def mean_of_processes(fabric: Fabric, value: Tensor) -> Tensor:
 
 def synchronize_norms(network: nn.Module, fabric: Fabric) -> None:
     """Let batch normalization see the batch of all processes, as one process would.
+
+    The parameters stay the same objects, as an optimizer may know them already.
 
     Raises:
         ParameterError: There are several, and the network normalizes in a way of its own.
@@ -84,25 +86,27 @@ def synchronize_norms(network: nn.Module, fabric: Fabric) -> None:
                 f"devices: expected 1 for a network with {type(module).__name__}, which "
                 f"processes cannot share, got {fabric.world_size}"
             )
+        if fabric.device.type == "cuda":
+            shared = nn.SyncBatchNorm.convert_sync_batchnorm(module)
+        else:
+            shared = SharedBatchNorm(module.num_features, module.eps, module.momentum)
+            shared.weight, shared.bias = module.weight, module.bias
+            shared.load_state_dict(module.state_dict())
+            shared.train(module.training)
         parent = network.get_submodule(name.rpartition(".")[0])
-        setattr(parent, name.rpartition(".")[2], _synchronized(module, fabric))
-
-
-def _synchronized(norm: nn.BatchNorm2d, fabric: Fabric) -> nn.Module:
-    """With the same parameters, which an optimizer may know already."""
-    if fabric.device.type == "cuda":
-        return nn.SyncBatchNorm.convert_sync_batchnorm(norm)
-    shared = SharedBatchNorm(norm.num_features, norm.eps, norm.momentum)
-    shared.weight, shared.bias = norm.weight, norm.bias
-    shared.load_state_dict(norm.state_dict())
-    return shared.train(norm.training)
+        setattr(parent, name.rpartition(".")[2], shared)
 
 
 class SharedBatchNorm(nn.BatchNorm2d):
-    """Batch normalization over all processes; PyTorch's own is for GPUs only."""
+    """Batch normalization over all processes, on CPUs.
+
+    PyTorch's SyncBatchNorm raises "expected input tensor to be on GPU" there (2.13, with gloo),
+    and Fabric has none: without this class, training on several CPUs, which the tests of
+    everything distributed do, would learn something else than one process.
+    """
 
     def forward(self, input: Tensor) -> Tensor:
-        """(B, C, H, W) to the same."""
+        """Normalize (B, C, H, W)."""
         if not self.training:
             return super().forward(input)
         count = torch.distributed.get_world_size()

@@ -21,7 +21,7 @@ _WARM_UP = 0.05
 
 
 def _check_within(params: object, **limits: float) -> None:
-    """Fields must be of 0 to their limits."""
+    """Refuse fields that are not within 0 and their limits."""
     for name, most in limits.items():
         if not 0 <= getattr(params, name) <= most:
             raise ParameterError(f"{name}: expected 0 to {most:g}, got {getattr(params, name)}")
@@ -105,13 +105,13 @@ class Batches(NamedTuple):
 
 
 def batches_of_epoch(images: int, batch_size: int) -> Batches:
-    """Of so many images; what does not fill a batch waits for another epoch."""
+    """Divide images into batches; a rest that fills none waits for another epoch."""
     size = max(min(batch_size, images), 1)
     return Batches(size, images // size)
 
 
 class Stage(NamedTuple):
-    """Epochs that are alike; in each stage the learning rate begins anew.
+    """Epochs that are alike; in each stage the learning rate begins again.
 
     Attributes:
         first: Number of the first epoch.
@@ -127,7 +127,7 @@ class Stage(NamedTuple):
 
     @property
     def epochs(self) -> int:
-        """How many."""
+        """The number of epochs."""
         return self.last - self.first
 
 
@@ -196,7 +196,7 @@ class TrainingParams:
         return tuple(stage for stage in stages if stage.last > stage.first)
 
     def lr_at(self, step: int, steps: int) -> float:
-        """The learning rate of a step of so many."""
+        """The learning rate of a step, of all `steps` of its stage."""
         part = step / steps
         if self.schedule == "constant":
             return self.lr
@@ -207,5 +207,5 @@ class TrainingParams:
         return self.lr * 0.5 * (1 + math.cos(math.pi * (part - _WARM_UP) / (1 - _WARM_UP)))
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """The parameters as plain values."""
         return dataclasses.asdict(self)

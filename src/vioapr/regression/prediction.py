@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,14 +13,20 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.formats.stated_sigmas import Sigmas
+from vioapr.geometry import quaternion
 from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.cache import read_images
 from vioapr.regression.checkpoint import LoadedRegressor, load
+from vioapr.regression.data import Samples
 from vioapr.regression.networks import PoseNetwork
 from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import Scene
 from vioapr.scene.walks import write_walk, write_walk_of_recording
 from vioapr.trajectory import Trajectory
+
+_MEDIAN_OF_MEAN = 0.891
+"""Median of the mean of three absolute values of Laplace's distribution of size 1: a third of
+a gamma-distributed number of shape 3."""
 
 
 class Predicted(NamedTuple):
@@ -57,33 +64,53 @@ def predict_images(
         batch_size: Images at once.
         tick: Called after every image.
     """
-    device = network.size_m.device
+    device, images = network.size_m.device, iter(images)
     columns: list[list[NDArray]] = [[] for _ in Predicted._fields]
-    for batch in _batched(images, batch_size):
+    while block := list(islice(images, batch_size)):
         with torch.inference_mode():
-            raw = network.forward_raw(middle_crop(torch.from_numpy(batch).to(device), crop))
+            batch = torch.from_numpy(np.stack(block)).to(device)
+            raw = network.forward_raw(middle_crop(batch, crop))
             predicted = network.to_prediction(raw)
             scene = torch.zeros(len(batch), dtype=torch.int64)
             if raw.scene_logits is not None:
                 scene = raw.scene_logits.argmax(dim=-1)
         for column, values in zip(columns, (*predicted, scene), strict=True):
             column.append(values.cpu().numpy())
-        for _ in batch:
+        for _ in block:
             tick()
     *poses, scenes = (np.concatenate(column) for column in columns)
     position, quat, sigma_m, sigma_rad = (values.astype(np.float64) for values in poses)
     return Predicted(position, quat, sigma_m, sigma_rad, scenes)
 
 
-def _batched(images: Iterable[NDArray[np.uint8]], size: int) -> Iterator[NDArray[np.uint8]]:
-    block: list[NDArray[np.uint8]] = []
-    for image in images:
-        block.append(image)
-        if len(block) == size:
-            yield np.stack(block)
-            block = []
-    if block:
-        yield np.stack(block)
+def validate(network: PoseNetwork, samples: Samples, crop: int) -> dict[str, float]:
+    """Measure median errors, and by how much the stated uncertainties are too small.
+
+    Returns:
+        position_m, orientation_deg, score (lower is better, for comparing epochs), and the
+        factors sigma_position and sigma_orientation, by which standard deviations must grow for
+        the typical error to be as they say.
+    """
+    was_training = network.training
+    network.eval()
+    images = (image for recording in samples.images for image in recording)
+    predicted = predict_images(network, images, crop)
+    network.train(was_training)
+    error_m = np.abs(predicted.position_m - samples.position_m)
+    quat_xyzw = quaternion.normalize(predicted.quat_xyzw)
+    angle_rad = np.radians(quaternion.angle_between_deg(quat_xyzw, samples.quat_xyzw))
+    median_m = float(np.median(np.linalg.norm(error_m, axis=-1)))
+    median_rad = float(np.median(angle_rad))
+    # Mean absolute errors an axis over those that Laplace's distribution has at this sigma.
+    ratio_m = error_m.mean(axis=-1) / (predicted.sigma_position_m / 2**0.5)
+    ratio_rad = angle_rad / 3**0.5 / (predicted.sigma_orientation_rad / 2**0.5)
+    return {
+        "position_m": median_m,
+        "orientation_deg": float(np.degrees(median_rad)),
+        "score": median_m / float(network.size_m.mean()) + median_rad,
+        "sigma_position": float(np.median(ratio_m) / _MEDIAN_OF_MEAN),
+        "sigma_orientation": float(np.median(ratio_rad) / _MEDIAN_OF_MEAN),
+    }
 
 
 def predict_recording(
@@ -94,10 +121,10 @@ def predict_recording(
     batch_size: int = 32,
     tick: Callable[[], object] = lambda: None,
 ) -> tuple[Trajectory, Predicted]:
-    """The poses of all images of a recording, with or without ground truth.
+    """Predict the poses of all images of a recording, with or without ground truth.
 
     Raises:
-        FormatError: The recording has no images, or one is broken.
+        FileError: The recording has no images, or one is broken.
     """
     frames = scene.recording(id_).frames
     rows = np.flatnonzero(frames.has_image)
@@ -115,7 +142,7 @@ def predict_recording(
 
 
 class PredictedWalk(NamedTuple):
-    """What was written of a recording.
+    """A recording whose predictions are written.
 
     Attributes:
         id: The recording's.
@@ -129,10 +156,10 @@ class PredictedWalk(NamedTuple):
 
 
 def load_predictor(path: Path) -> LoadedRegressor:
-    """As `checkpoint.load`, on the GPU if there is one.
+    """Read a regressor as `checkpoint.load`, onto the GPU if there is one.
 
     Raises:
-        FormatError: It is missing, broken, half-written or something else.
+        FileError: It is missing, broken, half-written or something else.
     """
     regressor = load(path)
     regressor.network.to("cuda" if torch.cuda.is_available() else "cpu")
@@ -161,7 +188,7 @@ def predict_walks(
         tick: Called after every image.
 
     Raises:
-        FormatError: A recording has no images, is broken, or a file cannot be written.
+        FileError: A recording has no images, is broken, or a file cannot be written.
     """
     for id_ in ids:
         poses, predicted = predict_recording(

@@ -104,8 +104,13 @@ def check_version(where: object, value: object, kind: type[Document]) -> None:
         )
 
 
-def encode(record: Record, indent: int = 2) -> str:
-    """Write a record as JSON for people; NaN becomes null, a document says what it is."""
+def encode(record: Record, indent: int | None = 2) -> str:
+    """Write a record as JSON; NaN becomes null, a document says what it is.
+
+    Args:
+        record: What to write.
+        indent: Spaces a level, for people; None for one line.
+    """
     values = to_plain(record)
     if isinstance(record, Document):
         head = {"format": record.FORMAT} if record.FORMAT else {}

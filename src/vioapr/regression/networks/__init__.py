@@ -12,7 +12,7 @@ from vioapr.regression.networks.posenet import PoseNet
 from vioapr.regression.networks.resnet import ResNet34
 from vioapr.regression.networks.rotation import ROTATION_CODES
 from vioapr.regression.networks.timm_backbone import TIMM_PREFIX, TimmBackbone
-from vioapr.regression.spec import RegressorSpec
+from vioapr.schemas.regressor import RegressorSpec
 
 __all__ = ["MODELS", "PoseNetwork", "Prediction", "Raw", "build", "check_model"]
 

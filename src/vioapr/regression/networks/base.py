@@ -1,4 +1,4 @@
-"""What every pose network takes and gives."""
+"""The inputs and outputs of every pose network."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LOG_SIGMA_LIMIT = 7.0
 
 
 class Raw(NamedTuple):
-    """What a network learns with; B images.
+    """The outputs that a network learns with, of B images.
 
     Attributes:
         position: (B, 3), in the scene's own unit: (world_m - centre_m) / size_m.
@@ -36,7 +36,7 @@ class Prediction(NamedTuple):
         position_m: (B, 3), m.
         quat_xyzw: (B, 4), unit.
         sigma_position_m: (B,), standard deviation of the position per axis, m.
-        sigma_orientation_rad: (B,), likewise of the orientation, rad.
+        sigma_orientation_rad: (B,), the same of the orientation, rad.
     """
 
     position_m: Tensor
@@ -116,7 +116,7 @@ class Heads(nn.Module):
     """
 
     def __init__(self, features: int, code: RotationCode) -> None:
-        """From so many features."""
+        """From a number of features."""
         super().__init__()
         self.position = nn.Linear(features, 3)
         self.rotation = nn.Linear(features, code.size)

@@ -43,7 +43,7 @@ class SqueezeExcitation(nn.Module):
     def __init__(
         self, channels: int, squeezed: int, activation: Activation, gate: Callable[[], nn.Module]
     ) -> None:
-        """Of so many channels, squeezed to so many."""
+        """Of a number of channels, squeezed to `squeezed` ones."""
         super().__init__()
         self.fc1 = nn.Conv2d(channels, squeezed, 1)
         self.fc2 = nn.Conv2d(squeezed, channels, 1)

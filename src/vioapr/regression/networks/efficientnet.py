@@ -45,7 +45,7 @@ class EfficientNetB0(nn.Module):
             for number in range(count):
                 drop = _DROP_PROBABILITY * done / total
                 first = stride if number == 0 else 1
-                blocks.append(_block(inputs, expansion, outputs, kernel, first, drop))
+                blocks.append(mb_conv(inputs, expansion, outputs, kernel, first, drop))
                 inputs, done = outputs, done + 1
             layers.append(nn.Sequential(*blocks))
         layers.append(ConvNorm(inputs, self.CHANNELS, 1, activation=nn.SiLU))
@@ -67,9 +67,11 @@ class EfficientNetB0(nn.Module):
             parameter.requires_grad_(False)
 
 
-def _block(
+def mb_conv(
     inputs: int, expansion: int, outputs: int, kernel: int, stride: int, drop: float
-) -> nn.Module:
+) -> InvertedResidual:
+    """Make EfficientNet's block: squeezed to a quarter of the inputs, dropped by chance."""
+
     def squeeze(channels: int) -> nn.Module:
         return SqueezeExcitation(channels, max(1, inputs // 4), nn.SiLU, nn.Sigmoid)
 

@@ -51,7 +51,7 @@ class MobileNetV3Large(nn.Module):
         ]
         for kernel, expanded, outputs, squeezes, is_hard, stride in _BLOCKS:
             activation = nn.Hardswish if is_hard else nn.ReLU
-            squeeze = _squeeze if squeezes else None
+            squeeze = squeeze_excitation if squeezes else None
             layers.append(
                 InvertedResidual(
                     inputs, expanded, outputs, kernel, stride, activation, squeeze, norm
@@ -67,11 +67,11 @@ class MobileNetV3Large(nn.Module):
         return self.features(images)
 
 
-def _squeeze(channels: int) -> nn.Module:
-    return SqueezeExcitation(channels, _to_multiple_of_8(channels / 4), nn.ReLU, nn.Hardsigmoid)
+def squeeze_excitation(channels: int) -> SqueezeExcitation:
+    """Make MobileNetV3's: a quarter of the channels, rounded to a multiple of 8.
 
-
-def _to_multiple_of_8(channels: float) -> int:
-    """The nearest multiple of 8, at least 8, not more than 10 % below."""
-    rounded = max(8, int(channels + 4) // 8 * 8)
-    return rounded + 8 if rounded < 0.9 * channels else rounded
+    At least 8, and not more than 10 % below the quarter.
+    """
+    squeezed = max(8, int(channels / 4 + 4) // 8 * 8)
+    squeezed += 8 if squeezed < 0.9 * channels / 4 else 0
+    return SqueezeExcitation(channels, squeezed, nn.ReLU, nn.Hardsigmoid)

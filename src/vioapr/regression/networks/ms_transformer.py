@@ -90,7 +90,7 @@ class SceneTransformer(nn.Module):
     def __init__(
         self, channels: int, scenes: int, encoders: int, decoders: int, dropout: float
     ) -> None:
-        """Of a map with so many channels."""
+        """Of a map with a number of channels."""
         super().__init__()
         self.project = nn.Conv2d(channels, _WIDTH, 1)
         self.rows = nn.Parameter(torch.rand(_LONGEST_SIDE, _WIDTH // 2))
@@ -129,10 +129,10 @@ class MSTransformer(PoseNetwork):
     def __init__(
         self, code: RotationCode, scenes: int, orientation_layers: int = 6, dropout: float = 0.1
     ) -> None:
-        """For so many scenes.
+        """For a number of scenes.
 
         Args:
-            code: How it says rotations.
+            code: Of rotations.
             scenes: S.
             orientation_layers: Of encoder and decoder; 6 for Cambridge, 4 for 7Scenes.
             dropout: While training.

@@ -26,7 +26,7 @@ class PoseNet(PoseNetwork):
         dropout: float,
         code: RotationCode,
     ) -> None:
-        """From a backbone's feature maps of so many channels."""
+        """From a backbone's feature maps of a number of channels."""
         super().__init__(code)
         self.backbone = backbone
         self.hidden = nn.Linear(channels, hidden)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from torch import Tensor, nn
 
 from vioapr.errors import MissingExtraError, ParameterError
@@ -26,7 +24,16 @@ class TimmBackbone(nn.Module):
             ParameterError: It has no such model.
         """
         super().__init__()
-        timm = _import_timm()
+        try:
+            import timm  # pyright: ignore[reportMissingImports]
+        except (ImportError, RuntimeError) as error:
+            if isinstance(error, ModuleNotFoundError) and error.name == "timm":
+                raise MissingExtraError("a backbone of timm", "timm", "timm") from None
+            # timm imports torchvision, which fails beside a torch of another build.
+            raise ParameterError(
+                f"timm is installed but cannot be imported: {error}; "
+                f"it needs the torchvision that belongs to the installed torch"
+            ) from None
         try:
             self.model = timm.create_model(name, pretrained=False, num_classes=0, global_pool="")
         except RuntimeError as error:
@@ -37,17 +44,3 @@ class TimmBackbone(nn.Module):
         """Tokens of transformers, (B, T, C), come as a map of one column."""
         features = self.model(images)
         return features if features.dim() == 4 else features.transpose(1, 2)[..., None]
-
-
-def _import_timm() -> Any:
-    try:
-        import timm  # pyright: ignore[reportMissingImports]
-    except (ImportError, RuntimeError) as error:
-        if isinstance(error, ModuleNotFoundError) and error.name == "timm":
-            raise MissingExtraError("a backbone of timm", "timm", "timm") from None
-        # timm imports torchvision, which fails beside a torch of another build.
-        raise ParameterError(
-            f"timm is installed but cannot be imported: {error}; "
-            f"it needs the torchvision that belongs to the installed torch"
-        ) from None
-    return timm

@@ -1,0 +1,147 @@
+"""The headers of regressors and of states of training, beside their tensors.
+
+Both are safetensors with one of these documents in JSON as metadata, and a copy of it beside them
+for people, and for a quick look without PyTorch.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from vioapr.errors import ParameterError
+from vioapr.schemas.base import Document, Record
+
+REGRESSOR_FILE, STATE_FILE = "regressor.safetensors", "state.safetensors"
+
+IMAGE_MEAN, IMAGE_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+"""ImageNet's, RGB, of values from 0 to 1: networks take images less the mean, by the deviation."""
+
+Settings = dict[str, object]
+"""A resolved configuration by name. It is plain: parameters come and go, and a file keeps those
+that its network was trained with."""
+
+
+def note_of(path: Path) -> Path:
+    """The path of the copy of a file's header."""
+    return path.with_suffix(".json")
+
+
+class RegressorSpec(Record, frozen=True):
+    """All that one must know to build a regressor's network and to feed it.
+
+    Attributes:
+        model: Name of the network.
+        scenes: Names of the scenes that it knows, in the order of their numbers.
+        rotation: Name of the rotation's code.
+        resize: Images are resized to resize x resize pixels, whatever their shape.
+        crop: The network sees the middle crop x crop pixels of them.
+        dropout: While training; None for the model's own.
+        orientation_layers: Of MS-Transformer's second transformer.
+    """
+
+    model: str
+    scenes: tuple[str, ...]
+    rotation: str = "log-quat"
+    resize: int = 256
+    crop: int = 224
+    dropout: float | None = None
+    orientation_layers: int = 6
+
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise ParameterError("scenes: expected at least one, got none")
+        if not 32 <= self.crop <= self.resize <= 4096:
+            raise ParameterError(
+                f"expected 32 <= crop <= resize <= 4096 pixels, "
+                f"got `crop` {self.crop} and `resize` {self.resize}"
+            )
+        if self.dropout is not None and not 0 <= self.dropout < 1:
+            raise ParameterError(f"dropout: expected 0 to below 1, got {self.dropout}")
+        if not 1 <= self.orientation_layers <= 12:
+            raise ParameterError(
+                f"orientation_layers: expected 1 to 12, got {self.orientation_layers}"
+            )
+
+
+class EpochRecord(Record, frozen=True, omit_defaults=True):
+    """The record of an epoch of training.
+
+    Attributes:
+        loss: Mean over the epoch's batches.
+        lr: Learning rate of the last batch.
+        images_per_s: Of all processes together.
+        validation_position_m: Median error on the validation recordings; None without any, as
+            all that follow.
+        validation_orientation_deg: Median error.
+        validation_score: For comparing epochs; lower is better.
+        validation_sigma_position: By how much the stated uncertainties are too small.
+        validation_sigma_orientation: As the previous.
+    """
+
+    loss: float
+    lr: float
+    images_per_s: float
+    validation_position_m: float | None = None
+    validation_orientation_deg: float | None = None
+    validation_score: float | None = None
+    validation_sigma_position: float | None = None
+    validation_sigma_orientation: float | None = None
+
+
+class Trained(Record, frozen=True, omit_defaults=True):
+    """The origin of a regressor, for people.
+
+    Attributes:
+        epoch: The epoch that the weights are of, from 1.
+        params: The training's parameters.
+        last_epoch: Of the same number.
+        images: How many there were to learn from.
+    """
+
+    epoch: int | None = None
+    params: Settings | None = None
+    last_epoch: EpochRecord | None = None
+    images: int | None = None
+
+
+class RegressorHeader(Document, frozen=True, kw_only=True):
+    """The header of a regressor.
+
+    Attributes:
+        spec: The network.
+        trained: Where its weights come from.
+    """
+
+    FORMAT: ClassVar[str] = "vioapr regressor"
+
+    spec: RegressorSpec
+    trained: Trained = Trained()
+
+
+class RunIdentity(Record, frozen=True):
+    """The parts of a run that must be the same for it to be resumed.
+
+    Attributes:
+        spec: The network.
+        params: The parameters that decide the result.
+        samples: Fingerprint of the images and poses.
+    """
+
+    spec: RegressorSpec
+    params: Settings
+    samples: str
+
+
+class StateHeader(Document, frozen=True, kw_only=True):
+    """The header of the state after an epoch.
+
+    Attributes:
+        run: Whose state.
+        epochs: All epochs so far.
+    """
+
+    FORMAT: ClassVar[str] = "vioapr training state"
+
+    run: RunIdentity
+    epochs: tuple[EpochRecord, ...] = ()
