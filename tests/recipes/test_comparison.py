@@ -5,11 +5,11 @@ import pytest
 
 from vioapr.evaluation.metrics import PoseErrors
 from vioapr.fusion.types import Status
-from vioapr.recipes.comparison import AVERAGE, Pair, compare
+from vioapr.recipes.comparison import AVERAGE, compare, compare_references
 from vioapr.recipes.datasets import DATA_SETS
 from vioapr.recipes.pooling import PooledErrors
-from vioapr.recipes.references import compare_references
 from vioapr.recipes.report import comparison_table, format_figures, reference_table
+from vioapr.schemas.reproduction import Pair, PublishedPair
 
 GROUPS = DATA_SETS["marvin"].groups
 NAN = float("nan")
@@ -143,9 +143,9 @@ def test_references_beside_raw_medians():
     scenes = DATA_SETS["7scenes"].scenes
     lines = compare_references("7scenes", scenes, ["posenet"], pooled)
     assert [line.scene for line in lines] == list(scenes)
-    assert lines[0].medians["posenet"] == Pair(pytest.approx((1.0, 9.0)), (0.104, 4.02))
+    assert lines[0].medians["posenet"] == PublishedPair(pytest.approx((1.0, 9.0)), (0.104, 4.02))
     assert lines[0].dfnet == (0.033, 1.12)
-    assert (lines[2].medians["posenet"], lines[2].dfnet) == (Pair(None, None), None)
+    assert (lines[2].medians["posenet"], lines[2].dfnet) == (PublishedPair(None, None), None)
     (rows,) = reference_table("7-Scenes", lines, ["posenet"]).sections
     assert rows[0] == ("chess", "1.000 / 9.00", "0.104 / 4.02", "+0.896 / +4.98", "0.033 / 1.12")
     assert rows[2] == ("heads", "–", "–", "–", "–")

@@ -4,21 +4,21 @@ import json
 import os
 import shutil
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 from tests.recipes.conftest import IMAGES
 
-from vioapr.errors import FormatError, ParameterError
-from vioapr.recipes.datasets import DATA_SETS, choose_scenes, find_scenes
-from vioapr.recipes.importing import import_scene
-from vioapr.recipes.plan import plan_trainings
-from vioapr.recipes.recipes import Overrides, paper_recipe
+from vioapr.errors import FileMissingError, FormatError, ParameterError
+from vioapr.recipes.datasets import DATA_SETS, choose_scenes, find_scenes, import_scene
+from vioapr.recipes.paper import as_published, changed
 from vioapr.recipes.report import markdown
 from vioapr.recipes.reproduce import Request, reproduce
+from vioapr.recipes.trainings import keep_settings, plan_trainings
 from vioapr.scene.scene import Scene
 
 MARVIN = DATA_SETS["marvin"]
-TINY = Overrides(epochs=1, batch_size=8, resize=40, crop=32)
+TINY = partial(changed, epochs=1, batch_size=8, resize=40, crop=32)
 
 
 @contextmanager
@@ -52,7 +52,7 @@ def marvin(marvin_dir, out_dir):
     """Reproduced once for the tests below: report, what was said, and progress."""
     pytest.importorskip("torch", reason="PyTorch is not installed")
     said, bars = [], Bars()
-    request = Request(MARVIN, marvin_dir, out_dir / "marvin", overrides=TINY)
+    request = Request(MARVIN, marvin_dir, out_dir / "marvin", change=TINY)
     return request, reproduce(request, bars, said.append), said, bars
 
 
@@ -63,21 +63,21 @@ def test_marvin(marvin):
     assert titles == [
         f"Table {number}, outdoor scenes, {model}" for number in (2, 4) for model in ("PN", "MS-T")
     ]
-    for table in report.content["tables"]:
-        of_scene = {(ln["subset"], ln["method"], ln["scene"]): ln for ln in table["lines"]}
+    for table in report.content.tables:
+        of_scene = {(ln.subset, ln.method, ln.scene): ln for ln in table.lines}
         for scene in ("Square", "Church"):
             everything = of_scene["all frames", "consensus", scene]
-            assert everything["raw"]["ours"] is not None
-            assert everything["fused"]["ours"] is not None
-            assert everything["share"]["ours"] == (100.0,)
+            assert everything.raw.ours is not None
+            assert everything.fused.ours is not None
+            assert everything.share.ours == (100.0,)
             both = of_scene["keyframes + optimized", "vio-apr", scene]
             parts = [of_scene[f"only {x}", "vio-apr", scene] for x in ("keyframes", "optimized")]
-            shares = [part["share"]["ours"][0] for part in parts]
-            assert both["share"]["ours"][0] == pytest.approx(sum(shares))
-            assert both["raw"]["paper"] is not None
-        assert of_scene["keyframes + optimized", "vio-apr", "Bar"]["fused"]["ours"] is None
-    assert [training["scenes"] for training in report.content["trainings"]] == [
-        ["Square"], ["Church"], ["Square", "Church"],
+            shares = [part.share.ours[0] for part in parts]
+            assert both.share.ours[0] == pytest.approx(sum(shares))
+            assert both.raw.paper is not None
+        assert of_scene["keyframes + optimized", "vio-apr", "Bar"].fused.ours is None
+    assert [training.scenes for training in report.content.trainings] == [
+        ("Square",), ("Church",), ("Square", "Church"),
     ]  # fmt: skip
     assert said[-1] == "ms-transformer Square+Church (3 of 3): trained, predicted"
     # Decoded once and learned from once, and two recordings predicted, by two networks.
@@ -87,16 +87,16 @@ def test_marvin(marvin):
 @pytest.mark.slow
 def test_what_is_not_as_published_is_said_first(marvin):
     _, report, _, _ = marvin
-    assert "PN: epochs 1 instead of 400" in report.differences
-    assert "MS-T: epochs 1 instead of 600" in report.differences
-    assert "PN: no pretrained weights; the published code starts from ImageNet's" in (
-        report.differences
-    )
-    assert "MISSING in the data's folder: Bar, Stairs, Office, Atrium" in report.notes
-    assert "passed over: Garden, which is none of the data set's scenes by name" in report.notes
+    content = report.content
+    assert "PN: epochs 1 instead of 400" in content.differences
+    assert "MS-T: epochs 1 instead of 600" in content.differences
+    expected = "PN: no pretrained weights; the published code starts from ImageNet's"
+    assert expected in content.differences
+    assert "MISSING in the data's folder: Bar, Stairs, Office, Atrium" in content.notes
+    assert "passed over: Garden, which is none of the data set's scenes by name" in content.notes
     counts = "Square: 16 images to train and 32 to test with, 2058 and 1023 in the paper's Table 1"
-    assert counts in report.notes
-    assert sum("test images taken for" in note for note in report.notes) == 2
+    assert counts in content.notes
+    assert sum("test images taken for" in note for note in content.notes) == 2
     text = markdown(report)
     assert text.index("NOT as published") < text.index("MISSING") < text.index("## Table 2")
 
@@ -123,7 +123,7 @@ def test_lost_predictions_are_made_again(marvin):
 @pytest.mark.slow
 def test_other_settings_need_another_folder(marvin):
     request, _, _, _ = marvin
-    other = Request(MARVIN, request.data, request.out, overrides=Overrides(epochs=2))
+    other = Request(MARVIN, request.data, request.out, change=partial(changed, epochs=2))
     with pytest.raises(ParameterError, match=r"posenet/Square: .* epochs 1 then, 2 now; batch"):
         reproduce(other, quiet)
 
@@ -131,7 +131,7 @@ def test_other_settings_need_another_folder(marvin):
 @pytest.mark.slow
 def test_a_stopped_training_goes_on(marvin_dir, out_dir):
     pytest.importorskip("torch", reason="PyTorch is not installed")
-    two = Overrides(epochs=2, batch_size=8, resize=40, crop=32)
+    two = partial(changed, epochs=2, batch_size=8, resize=40, crop=32)
     request = Request(MARVIN, marvin_dir, out_dir / "stopped", ("Church",), ("posenet",), two)
     bars = Bars()
 
@@ -201,7 +201,7 @@ def test_scenes_are_found_by_name_at_either_depth(tmp_path):
 
 
 def test_wrong_folders(tmp_path):
-    with pytest.raises(FormatError, match=r"expected the folder of MARViN, found nothing"):
+    with pytest.raises(FileMissingError, match=r"expected the folder of MARViN, found nothing"):
         find_scenes(tmp_path / "none", MARVIN, MARVIN.scenes)
     with pytest.raises(FormatError, match=r"expected scenes of MARViN: .*found none"):
         find_scenes(tmp_path, MARVIN, MARVIN.scenes)
@@ -222,43 +222,69 @@ def test_half_a_scene(tmp_path):
 def test_scenes_and_models_by_name():
     assert choose_scenes(MARVIN, ["atrium", "Square"]) == ("Square", "Atrium")
     assert choose_scenes(MARVIN, []) == MARVIN.scenes
-    with pytest.raises(ParameterError, match=r"--scenes: expected some of Square, .*got 'Yard'"):
+    with pytest.raises(ParameterError, match=r"scenes: expected some of Square, .*got 'Yard'"):
         choose_scenes(MARVIN, ["Yard"])
 
 
 def test_the_plan_is_the_papers(tmp_path):
-    trainings = plan_trainings(
-        MARVIN, MARVIN.scenes, ("posenet", "ms-transformer"), tmp_path, Overrides(), {}
-    )
+    trainings = plan_trainings(MARVIN, MARVIN.scenes, ("posenet", "ms-transformer"), tmp_path)
     assert [(one.model, one.folder.name, len(one.scenes)) for one in trainings] == [
         *(("posenet", scene, 1) for scene in MARVIN.scenes),
         ("ms-transformer", "outdoor", 3), ("ms-transformer", "indoor", 3),
     ]  # fmt: skip
-    posenet, outdoor, indoor = (trainings[row].recipe for row in (0, 6, 7))
-    for recipe in (posenet, outdoor, indoor):
-        assert (recipe.batch_size, recipe.lr, recipe.resize, recipe.crop) == (32, 1e-4, 256, 224)
+    posenet, outdoor, indoor = (trainings[row].settings for row in (0, 6, 7))
+    for one in (posenet, outdoor, indoor):
+        assert (one.batch_size, one.lr, one.resize, one.crop) == (32, 1e-4, 256, 224)
     assert (posenet.epochs, outdoor.epochs, indoor.epochs) == (400, 600, 600)
     assert (outdoor.orientation_layers, indoor.orientation_layers) == (6, 4)
-    assert [recipe.eps for recipe in (posenet, outdoor, indoor)] == [1e-8, 1e-10, 1e-10]
-    assert [recipe.position_epochs for recipe in (posenet, outdoor, indoor)] == [0, 60, 0]
+    assert [one.eps for one in (posenet, outdoor, indoor)] == [1e-8, 1e-10, 1e-10]
+    assert [one.position_epochs for one in (posenet, outdoor, indoor)] == [0, 60, 0]
     assert (outdoor.jitter, outdoor.position_jitter, outdoor.position_hue) == (0.0, 0.5, 0.2)
-    assert Overrides(epochs=20).apply(outdoor).position_epochs == 2
     assert (outdoor.position_weight, outdoor.rotation_weight) == (-3.0, -6.5)
     assert (indoor.position_weight, indoor.rotation_weight) == (0.0, -3.0)
-    seven = paper_recipe(DATA_SETS["7scenes"], "ms-transformer", "indoor")
+    short = changed(trainings[6].configuration, epochs=20)
+    assert (short.params.position_stage.position_epochs, short.epochs) == (2, 22)
+    seven = as_published(DATA_SETS["7scenes"], "ms-transformer", ("chess",), "indoor").params
     assert (seven.epochs, seven.batch_size) == (30, 8)
+
+
+OLD_SETTINGS = {
+    "scenes": ["Square"], "weights": None, "epochs": 400, "batch_size": 32, "resize": 256,
+    "crop": 224, "lr": 0.0001, "weight_decay": 0.0005, "schedule": "constant",
+    "loss": "learnable", "position_weight": 0.0, "rotation_weight": -3.0,
+    "rotation": "log-quat", "orientation_layers": 6, "jitter": 0.5, "hue": 0.1, "seed": 0,
+    "eps": 1e-08, "position_epochs": 0, "position_jitter": 0.5, "position_hue": 0.2,
+}  # fmt: skip
+"""As the first version of the reproduction noted them."""
+
+
+def test_settings_are_noted_as_they_always_were(tmp_path):
+    (training,) = plan_trainings(MARVIN, ("Square",), ("posenet",), tmp_path)
+    keep_settings(training)
+    note = training.folder / "settings.json"
+    assert json.loads(note.read_text()) == OLD_SETTINGS
+    # Settings that are newer than a note were what is published now.
+    older = {k: v for k, v in OLD_SETTINGS.items() if k not in ("eps", "position_epochs")}
+    note.write_text(json.dumps(older))
+    keep_settings(training)
+    note.write_text(json.dumps(OLD_SETTINGS | {"lr": "high"}))
+    with pytest.raises(FormatError, match=r"settings.json: lr: expected `float`, got `str`"):
+        keep_settings(training)
+    note.write_text(json.dumps(OLD_SETTINGS)[:50])
+    with pytest.raises(FormatError, match=r"settings.json.*: expected JSON"):
+        keep_settings(training)
 
 
 def test_weights_are_no_difference(tmp_path):
     weights = tmp_path / "resnet34.pth"
     weights.touch()
     (training,) = plan_trainings(
-        MARVIN, ("Bar",), ("posenet",), tmp_path, Overrides(), {"posenet": weights}
+        MARVIN, ("Bar",), ("posenet",), tmp_path, weights={"posenet": weights}
     )
     assert training.differences == ()
-    with pytest.raises(FormatError, match=r"expected weights of posenet's backbone"):
+    with pytest.raises(FileMissingError, match=r"expected weights of posenet's backbone"):
         plan_trainings(
-            MARVIN, ("Bar",), ("posenet",), tmp_path, Overrides(), {"posenet": tmp_path / "no.pth"}
+            MARVIN, ("Bar",), ("posenet",), tmp_path, weights={"posenet": tmp_path / "no.pth"}
         )
 
 

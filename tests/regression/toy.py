@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from vioapr.regression.params import TrainingParams
-from vioapr.schemas.regressor import RegressorSpec
 from vioapr.scene.scene import Scene
+from vioapr.schemas.regressor import RegressorSpec
 from vioapr.simulation.rooms import make_box_scene
 
 

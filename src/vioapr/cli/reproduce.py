@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,10 +16,10 @@ from rich.text import Text
 from vioapr.cli.console import console, error_console, progress
 from vioapr.cli.torch_extra import require_torch
 from vioapr.recipes.datasets import DATA_SETS
-from vioapr.recipes.plan import TRAININGS_FOLDER
-from vioapr.recipes.recipes import MODELS, Overrides
+from vioapr.recipes.paper import MODELS, changed
 from vioapr.recipes.report import Report, TextTable, write_report
 from vioapr.recipes.reproduce import Request, reproduce
+from vioapr.recipes.trainings import TRAININGS_FOLDER
 
 
 @dataclass(frozen=True)
@@ -89,15 +90,16 @@ def reproduce_cambridge(data: Path, out: Path, options: _Options = Options()) ->
 
 def _reproduce(name: str, data: Path, out: Path, options: Options) -> None:
     require_torch("vioapr reproduce")
-    overrides = Overrides(
-        options.epochs, options.batch_size, options.resize, options.crop, options.lr, options.seed
-    )
+    change = partial(
+        changed, epochs=options.epochs, batch_size=options.batch_size, resize=options.resize,
+        crop=options.crop, lr=options.lr, seed=options.seed,
+    )  # fmt: skip
     weights = {
         "posenet": options.weights_posenet,
         "ms-transformer": options.weights_ms_transformer,
     }
     request = Request(
-        DATA_SETS[name], data, out, _split(options.scenes), _split(options.models), overrides,
+        DATA_SETS[name], data, out, _split(options.scenes), _split(options.models), change,
         weights,
     )  # fmt: skip
     report = reproduce(request, progress, _say)
@@ -119,10 +121,10 @@ def _say(text: str) -> None:
 
 def print_report(report: Report) -> None:
     """Differences first, as nobody may miss them; then notes and tables."""
-    if report.differences:
-        listed = Text("\n".join(f"- {text}" for text in report.differences))
+    if report.content.differences:
+        listed = Text("\n".join(f"- {text}" for text in report.content.differences))
         console.print(Panel(listed, title=report.warning, border_style="yellow"))
-    for note in report.notes:
+    for note in report.content.notes:
         console.print(Text(note), soft_wrap=True)
     for table in report.tables:
         console.print(_make_table(table))

@@ -1,12 +1,13 @@
-"""The paper's evaluation in one command: published data sets in, Tables 2-5 out.
+"""The paper's evaluation in one command, and the demo: functions that return configurations.
 
     folders of a data set ──► scenes ──► trainings ──► predictions ──► pooled errors ──► tables
 
-- `datasets.py`: what a data set holds, and where its scenes are.
-- `recipes.py`: how each network is trained, by paper and published code.
-- `plan.py`, `importing.py`, `running.py`: the work, none of it done twice.
-- `pooling.py`, `comparison.py`, `references.py`: figures beside the printed ones, which are in
+- `reproduce.py`: the whole way; begin here.
+- `datasets.py`: the scenes of a data set, found and imported.
+- `paper.py`: how each network is trained, by paper and published code.
+- `trainings.py`, `running.py`: the work that is left, and doing it; none of it twice.
+- `pooling.py`, `comparison.py`: our errors, and figures beside the printed ones, which are in
   `data/paper_tables.json` and `data/reference_medians.json`.
-- `report.py`: the same as Markdown and JSON.
-- `demo.py`: what `vioapr demo` localizes, out of `data/`.
+- `report.py`: the same as text, Markdown and JSON.
+- `demo.py`: the walk that `vioapr demo` localizes, out of `data/`.
 """

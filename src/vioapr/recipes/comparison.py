@@ -1,96 +1,56 @@
-"""The paper's Tables 2-5, ours beside the printed figures."""
+"""The paper's Tables 2-5, and published medians, beside our figures."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from vioapr.evaluation.metrics import Summary
 from vioapr.recipes.pooling import PooledErrors
-
-Kind = Literal["median", "levels"]
-Figures = tuple[float, ...]
-"""Of kind median: m, deg. Of kind levels: % within the high, medium and low level."""
+from vioapr.schemas.base import decode
+from vioapr.schemas.reproduction import (
+    Comparison,
+    Figures,
+    Kind,
+    Levels,
+    Line,
+    Pair,
+    PaperTables,
+    Place,
+    PrintedCell,
+    PrintedTable,
+    PublishedPair,
+    ReferenceLine,
+    ReferenceMedians,
+)
 
 PAPER_SUBSETS = ("only keyframes", "only optimized", "keyframes + optimized")
 AVERAGE = "average"
 ALL_FRAMES = "all frames"
+DFNET = "dfnet"
 
 
-class Pair(NamedTuple):
-    """A figure of ours and the paper's; None where there is none."""
-
-    ours: Figures | None
-    paper: Figures | None
-
-    @property
-    def difference(self) -> Figures | None:
-        """Ours minus the paper's."""
-        if self.ours is None or self.paper is None:
-            return None
-        return tuple(a - b for a, b in zip(self.ours, self.paper, strict=True))
-
-
-@dataclass(frozen=True)
-class Line:
-    """A scene over a subset of its test frames.
-
-    Attributes:
-        subset: A key of `SUBSETS`.
-        method: Whose subset, and whose poses are `fused`.
-        scene: Its name, or `AVERAGE`, the mean over the group's scenes.
-        raw: The regressor alone: on all test frames, but for "only optimized", where the paper
-            counts these frames.
-        fused: The method's.
-        share: Of the test frames, %, that `fused` counts.
-        raw_same: The regressor alone on the very frames that `fused` counts, ours.
-    """
-
-    subset: str
-    method: str
-    scene: str
-    raw: Pair
-    fused: Pair
-    share: Pair
-    raw_same: Figures | None
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """One of the paper's tables for one regressor.
-
-    Attributes:
-        number: The table's.
-        place: "outdoor" or "indoor".
-        kind: Of its figures.
-        model: The regressor's name.
-        lines: The paper's, then those over all frames, which the paper does not have.
-    """
-
-    number: int
-    place: str
-    kind: Kind
-    model: str
-    lines: tuple[Line, ...]
-
-
-def load_paper() -> dict[str, Any]:
-    """The paper's Tables 1 (images) and 2-5, as printed."""
+def load_paper() -> PaperTables:
+    """Read the paper's Tables 1 (images) and 2-5, as printed."""
     file = files("vioapr.recipes") / "data" / "paper_tables.json"
-    return json.loads(file.read_text(encoding="utf-8"))
+    return decode(file, file.read_bytes(), PaperTables)
+
+
+def load_references(data_set: str) -> dict[str, dict[str, Figures]]:
+    """Read published medians of a data set by scene and model."""
+    file = files("vioapr.recipes") / "data" / "reference_medians.json"
+    medians = decode(file, file.read_bytes(), ReferenceMedians)
+    return {"7scenes": medians.sevenscenes, "cambridge": medians.cambridge}[data_set]
 
 
 def compare(
     pooled: Mapping[tuple[str, str], PooledErrors],
-    groups: Mapping[Any, Sequence[str]],
+    groups: Mapping[Place, Sequence[str]],
     models: Sequence[str],
 ) -> list[Comparison]:
-    """All tables of which there is a scene.
+    """Compare with all tables of which there is a scene.
 
     Args:
         pooled: By model and scene.
@@ -98,45 +58,55 @@ def compare(
         models: In the tables' order.
     """
     comparisons = []
-    for table in load_paper()["tables"]:
-        scenes = groups[table["group"]]
+    for table in load_paper().tables:
+        scenes = groups[table.group]
         for model in models:
             if any((model, scene) in pooled for scene in scenes):
                 of_scene = {s: pooled[model, s] for s in scenes if (model, s) in pooled}
-                lines = tuple(_lines(table, model, scenes, of_scene))
-                key = (table["number"], table["group"], table["kind"])
-                comparisons.append(Comparison(*key, model, lines))
+                lines = tuple(compare_lines(table, model, scenes, of_scene))
+                comparisons.append(Comparison(table.number, table.group, table.kind, model, lines))
     return comparisons
 
 
-def _lines(
-    table: Mapping[str, Any],
+def compare_lines(
+    table: PrintedTable,
     model: str,
     scenes: Sequence[str],
     of_scene: Mapping[str, PooledErrors],
 ) -> Iterator[Line]:
+    """Compare with one table: its subsets, then all frames, which the paper does not have.
+
+    Args:
+        table: As printed.
+        model: Whose columns.
+        scenes: Of the table.
+        of_scene: Our errors of those that there are.
+    """
     sections = [(subset, "vio-apr") for subset in PAPER_SUBSETS]
     sections += [(ALL_FRAMES, "vio-apr"), (ALL_FRAMES, "consensus")]
     for subset, method in sections:
-        printed = table["rows"].get(subset, {}) if method == "vio-apr" else {}
+        rows = table.rows.get(subset, {}) if method == "vio-apr" else {}
+        printed = {scene: cells.get(model) for scene, cells in rows.items()}
         lines = [
-            _line(table["kind"], subset, method, scene, of_scene.get(scene),
-                  printed.get(scene, {}).get(model))
+            compare_scene(
+                table.kind, subset, method, scene, of_scene.get(scene), printed.get(scene)
+            )
             for scene in scenes
-        ]  # fmt: skip
-        if table["kind"] == "median":
-            lines.append(_average(lines, printed.get(AVERAGE, {}).get(model)))
+        ]
+        if table.kind == "median":
+            lines.append(average_of(lines, printed.get(AVERAGE)))
         yield from (line for line in lines if line.raw.ours or line.raw.paper or line.share.ours)
 
 
-def _line(
+def compare_scene(
     kind: Kind,
     subset: str,
     method: str,
     scene: str,
     pooled: PooledErrors | None,
-    printed: Mapping[str, Any] | None,
+    printed: PrintedCell | None,
 ) -> Line:
+    """Compare a scene's figures over a subset of its frames; see `Line`."""
     raw = fused = share = raw_same = None
     if pooled is not None:
         summary = pooled.fused_summary(method, subset)
@@ -145,53 +115,66 @@ def _line(
         raw = figures_of(same if is_same else pooled.raw_summary(), kind)
         fused, raw_same = figures_of(summary, kind), figures_of(same, kind)
         share = (100.0 * float(summary.share),)
-    paper_raw, paper_fused, paper_share = _printed(printed, kind)
+    paper_raw = paper_fused = paper_share = None
+    if printed is not None:
+        paper_raw, paper_fused = (
+            cell.levels if isinstance(cell, Levels) else cell
+            for cell in (printed.raw, printed.fused)
+        )
+        if isinstance(printed.fused, Levels) and printed.fused.share is not None:
+            paper_share = (printed.fused.share,)
     return Line(
         subset, method, scene, Pair(raw, paper_raw), Pair(fused, paper_fused),
         Pair(share, paper_share), raw_same,
     )  # fmt: skip
 
 
-def _printed(
-    printed: Mapping[str, Any] | None, kind: Kind
-) -> tuple[Figures | None, Figures | None, Figures | None]:
-    """Raw, fused and share of a scene in the paper."""
-    if printed is None:
-        return None, None, None
-    if kind == "median":
-        return tuple(printed["raw"]), tuple(printed["vio-apr"]), None
-    fused = printed["vio-apr"]
-    return tuple(printed["raw"]["levels"]), tuple(fused["levels"]), (fused["share"],)
+def average_of(lines: Sequence[Line], printed: PrintedCell | None) -> Line:
+    """Average medians over a group's scenes; None where one is missing.
+
+    An average over the others would be of another set of scenes than the paper's.
+    """
+    columns = zip(
+        *((line.raw.ours, line.fused.ours, line.share.ours, line.raw_same) for line in lines),
+        strict=True,
+    )
+    means: list[Figures | None] = []
+    for column in columns:
+        known = [figures for figures in column if figures is not None]
+        is_whole = len(known) == len(lines)
+        means.append(tuple(float(x) for x in np.mean(known, axis=0)) if is_whole else None)
+    raw, fused, share, raw_same = means
+    first = compare_scene("median", lines[0].subset, lines[0].method, AVERAGE, None, printed)
+    return Line(
+        first.subset, first.method, AVERAGE, Pair(raw, first.raw.paper),
+        Pair(fused, first.fused.paper), Pair(share, None), raw_same,
+    )  # fmt: skip
+
+
+def compare_references(
+    data_set: str,
+    scenes: Sequence[str],
+    models: Sequence[str],
+    pooled: Mapping[tuple[str, str], PooledErrors],
+) -> list[ReferenceLine]:
+    """Compare raw medians with published ones: every scene, whether it is there or not."""
+    published = load_references(data_set)
+    lines = []
+    for scene in scenes:
+        known = published.get(scene, {})
+        medians = {}
+        for model in models:
+            errors = pooled.get((model, scene))
+            ours = None if errors is None else figures_of(errors.raw_summary(), "median")
+            medians[model] = PublishedPair(ours, known.get(model))
+        lines.append(ReferenceLine(scene, medians, known.get(DFNET)))
+    return lines
 
 
 def figures_of(summary: Summary, kind: Kind) -> Figures | None:
-    """None over no frames."""
+    """Take the figures of a kind out of a summary; None over no frames."""
     if kind == "median":
         values = (float(summary.median_m), float(summary.median_deg))
     else:
         values = tuple(100 * float(x) for x in (summary.high, summary.medium, summary.low))
     return values if np.isfinite(values).all() else None
-
-
-def _average(lines: Sequence[Line], printed: Mapping[str, Any] | None) -> Line:
-    """Means over the group's scenes; none where one is missing, as they would be of others."""
-    paper_raw, paper_fused, _ = _printed(printed, "median")
-    raw, fused, share, raw_same = (
-        _mean(column)
-        for column in zip(
-            *((ln.raw.ours, ln.fused.ours, ln.share.ours, ln.raw_same) for ln in lines),
-            strict=True,
-        )
-    )
-    first = lines[0]
-    return Line(
-        first.subset, first.method, AVERAGE, Pair(raw, paper_raw), Pair(fused, paper_fused),
-        Pair(share, None), raw_same,
-    )  # fmt: skip
-
-
-def _mean(values: Sequence[Figures | None]) -> Figures | None:
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
-        return None
-    return tuple(float(x) for x in np.mean(known, axis=0))

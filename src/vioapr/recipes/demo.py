@@ -27,7 +27,7 @@ _OLDEST = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Demo:
-    """What is localized, and where the results go; the values of `vioapr localize`.
+    """A walk to localize, and where the results go: the values of `vioapr localize`.
 
     Attributes:
         model: The localizer.

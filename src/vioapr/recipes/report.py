@@ -1,18 +1,24 @@
-"""A reproduction's outcome as tables of text, Markdown and JSON."""
+"""The results of a reproduction as tables of text, Markdown and JSON."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from vioapr.files.text import write_text
-from vioapr.recipes.comparison import ALL_FRAMES, Comparison, Figures, Kind, Line
-from vioapr.recipes.recipes import MODELS
-from vioapr.recipes.references import ReferenceLine
+from vioapr.recipes.comparison import ALL_FRAMES
+from vioapr.recipes.paper import MODELS
 from vioapr.report.formatting import UNKNOWN
+from vioapr.schemas.base import encode
+from vioapr.schemas.reproduction import (
+    Comparison,
+    Figures,
+    Kind,
+    Pair,
+    ReferenceLine,
+    Reproduction,
+)
 
 _LABELS = {
     "only keyframes": "keyframes",
@@ -39,32 +45,26 @@ class TextTable:
 
 @dataclass(frozen=True)
 class Report:
-    """What came out.
+    """The results, for programs and for people.
 
     Attributes:
-        title: The data set's.
-        differences: In what the trainings are not as published.
-        notes: What else one must know to read the tables.
-        tables: For people.
         content: For programs.
+        tables: For people.
     """
 
-    title: str
-    differences: tuple[str, ...]
-    notes: tuple[str, ...]
+    content: Reproduction
     tables: tuple[TextTable, ...]
-    content: dict[str, Any]
 
     @property
     def warning(self) -> str:
-        """The heading of `differences`."""
+        """The heading of the differences from the publication."""
         return "NOT as published: these settings differ, and so may the figures"
 
 
 def comparison_table(comparison: Comparison) -> TextTable:
-    """One of the paper's tables for one regressor."""
+    """Lay out one of the paper's tables for one regressor."""
     name, kind = MODELS[comparison.model], comparison.kind
-    what = "median m / deg" if kind == "median" else "% within high/medium/low accuracy"
+    unit = "median m / deg" if kind == "median" else "% within high/medium/low accuracy"
     is_printed = ("paper",) if kind == "levels" else ()
     header = (
         "frames", "scene", name, "paper", "difference", f"{name}^vio", "paper", "difference",
@@ -74,40 +74,41 @@ def comparison_table(comparison: Comparison) -> TextTable:
     for line in comparison.lines:
         label = f"all: {line.method}" if line.subset == ALL_FRAMES else _LABELS[line.subset]
         rows = sections.setdefault(label, [])
-        rows.append(("" if rows else label, *_cells(line, kind)))
-    title = f"Table {comparison.number}, {comparison.place} scenes, {name}: {what}"
+        cells = ["" if rows else label, line.scene]
+        for pair in (line.raw, line.fused):
+            cells += format_pair(pair, kind)
+        cells.append(format_figures(line.share.ours, "levels"))
+        if kind == "levels":
+            cells.append(format_figures(line.share.paper, "levels"))
+        rows.append((*cells, format_figures(line.raw_same, kind)))
+    title = f"Table {comparison.number}, {comparison.place} scenes, {name}: {unit}"
     return TextTable(title, header, tuple(map(tuple, sections.values())))
 
 
-def _cells(line: Line, kind: Kind) -> list[str]:
-    raw, fused = (
-        [format_figures(pair.ours, kind), format_figures(pair.paper, kind),
-         format_figures(pair.difference, kind, "+")]
-        for pair in (line.raw, line.fused)
-    )  # fmt: skip
-    share = [format_figures(line.share.ours, "levels")]
-    if kind == "levels":
-        share.append(format_figures(line.share.paper, "levels"))
-    return [line.scene, *raw, *fused, *share, format_figures(line.raw_same, kind)]
-
-
 def reference_table(title: str, lines: Sequence[ReferenceLine], models: Sequence[str]) -> TextTable:
-    """Raw medians beside published ones."""
+    """Lay out raw medians beside published ones."""
     columns = [col for m in models for col in (MODELS[m], "published", "difference")]
     rows = []
     for line in lines:
         cells = [line.scene]
         for pair in line.medians.values():
-            cells += [format_figures(pair.ours, "median", digits=3),
-                      format_figures(pair.paper, "median", digits=3),
-                      format_figures(pair.difference, "median", "+", digits=3)]  # fmt: skip
+            cells += format_pair(pair, "median", digits=3)
         rows.append((*cells, format_figures(line.dfnet, "median", digits=3)))
     header = ("scene", *columns, "DFNet, published")
     return TextTable(f"{title}, all test frames: median m / deg", header, (tuple(rows),))
 
 
+def format_pair(pair: Pair, kind: Kind, *, digits: int = 2) -> list[str]:
+    """Format ours, theirs and the difference; see `format_figures`."""
+    return [
+        format_figures(pair.ours, kind, digits=digits),
+        format_figures(pair.paper, kind, digits=digits),
+        format_figures(pair.difference, kind, "+", digits=digits),
+    ]
+
+
 def format_figures(figures: Figures | None, kind: Kind, sign: str = "", *, digits: int = 2) -> str:
-    """Medians as "1.11 / 3.61", percentages as "3.2/18.4/87.0".
+    """Format medians as "1.11 / 3.61", percentages as "3.2/18.4/87.0".
 
     Args:
         figures: Or None, which is a dash.
@@ -123,39 +124,15 @@ def format_figures(figures: Figures | None, kind: Kind, sign: str = "", *, digit
     return "/".join(f"{value:{sign}.1f}" for value in figures)
 
 
-def comparison_json(comparison: Comparison) -> dict[str, Any]:
-    """As plain values."""
-    lines = []
-    for line in comparison.lines:
-        content = asdict(line)
-        for name in ("raw", "fused", "share"):
-            content[name] = getattr(line, name)._asdict()
-        lines.append(content)
-    return {
-        "number": comparison.number,
-        "place": comparison.place,
-        "kind": comparison.kind,
-        "model": comparison.model,
-        "lines": lines,
-    }
-
-
-def reference_json(line: ReferenceLine) -> dict[str, Any]:
-    """As plain values."""
-    medians = {
-        model: {"ours": pair.ours, "published": pair.paper} for model, pair in line.medians.items()
-    }
-    return {"scene": line.scene, "medians": medians, "dfnet": line.dfnet}
-
-
 def markdown(report: Report) -> str:
-    """The whole report."""
-    parts = [f"# {report.title}, reproduced"]
-    if report.differences:
-        listed = "\n".join(f"> - {text}" for text in report.differences)
+    """Write the whole report as Markdown."""
+    content = report.content
+    parts = [f"# {content.title}, reproduced"]
+    if content.differences:
+        listed = "\n".join(f"> - {text}" for text in content.differences)
         parts.append(f"> **{report.warning}**\n>\n{listed}")
-    if report.notes:
-        parts.append("\n".join(f"- {text}" for text in report.notes))
+    if content.notes:
+        parts.append("\n".join(f"- {text}" for text in content.notes))
     for table in report.tables:
         rows = [table.header, ("---",) * len(table.header)]
         rows += [row for section in table.sections for row in section]
@@ -167,10 +144,9 @@ def write_report(report: Report, folder: Path) -> tuple[Path, Path]:
     """Write Markdown and JSON; returns where they are.
 
     Raises:
-        FormatError: They cannot be written.
+        UnwritableError: They cannot be written.
     """
     paths = folder / MARKDOWN_FILE, folder / JSON_FILE
     write_text(paths[0], markdown(report))
-    content = {"title": report.title, "differences": report.differences, "notes": report.notes}
-    write_text(paths[1], json.dumps(content | report.content, indent=1) + "\n")
+    write_text(paths[1], encode(report.content, indent=1))
     return paths

@@ -2,38 +2,31 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from itertools import count
 
 from vioapr.files.text import write_text
-from vioapr.recipes.plan import Training
-from vioapr.recipes.progress import (
+from vioapr.recipes.trainings import (
     PREDICTED_FILE,
+    Training,
     finished_epochs,
     is_trained,
     regressor_digest,
     work_of,
 )
-from vioapr.recipes.recipes import Recipe
-from vioapr.regression.checkpoint import LoadedRegressor
-from vioapr.regression.files import STATE_FILE
-from vioapr.regression.params import (
-    AugmentationParams,
-    LossParams,
-    PositionStageParams,
-    TrainingParams,
-    batches_of_epoch,
-)
+from vioapr.regression.params import batches_of_epoch
 from vioapr.regression.prediction import load_predictor, predict_walks
-from vioapr.regression.preparing import choose_frames, prepare_run
-from vioapr.regression.spec import RegressorSpec
+from vioapr.regression.run import choose_frames, prepare_run
 from vioapr.regression.training import train
 from vioapr.scene.scene import Scene
+from vioapr.schemas.base import encode
+from vioapr.schemas.regressor import STATE_FILE
+from vioapr.schemas.reproduction import PredictionNote
 from vioapr.work.progress import Advance
 
 
 def run_training(training: Training, scenes: Mapping[str, Scene], tick: Advance) -> None:
-    """Train and predict what is not there yet.
+    """Train and predict all that is not there yet.
 
     Args:
         training: Which.
@@ -44,78 +37,41 @@ def run_training(training: Training, scenes: Mapping[str, Scene], tick: Advance)
         VioAprError: A scene, checkpoint or weights are broken, or training went wrong.
     """
     if not is_trained(training):
-        _learn(training, [scenes[name] for name in training.scenes], tick)
+        learn(training, [scenes[name] for name in training.scenes], tick)
     open_scenes = work_of(training, scenes).scenes
-    if not open_scenes:
-        return
-    regressor = load_predictor(training.folder)
+    regressor = load_predictor(training.folder) if open_scenes else None
     for name in open_scenes:
-        _predict(training, regressor, name, scenes[name], tick)
+        assert regressor is not None
+        folder, scene = training.walks_folder(name), scenes[name]
+        images = right = 0
+        for walk in predict_walks(
+            regressor, scene, scene.splits["test"], folder, training.model, tick=lambda: tick(1)
+        ):
+            images += len(walk.scene)
+            right += int((walk.scene == training.scenes.index(name)).sum())
+        # Last, as it says that the predictions are whole.
+        note = PredictionNote(regressor_digest(training), images, right)
+        write_text(folder / PREDICTED_FILE, encode(note, indent=None))
 
 
-def _learn(training: Training, scenes: list[Scene], tick: Advance) -> None:
-    recipe = training.recipe
+def learn(training: Training, scenes: list[Scene], tick: Advance) -> None:
+    """Train a network, from its state if there is one.
+
+    Args:
+        training: Which.
+        scenes: Those that it learns, in order.
+        tick: Called with a number of images that were decoded or learned from.
+
+    Raises:
+        VioAprError: A scene, checkpoint or weights are broken, or training went wrong.
+    """
+    spec, params = training.configuration
     run = prepare_run(
-        scenes, choose_frames(scenes), _spec(training), _params(recipe), training.folder,
-        training.weights, lambda: tick(1),
+        scenes, choose_frames(scenes), spec, params, training.folder, training.weights,
+        lambda: tick(1),
     )  # fmt: skip
-    batch, steps = batches_of_epoch(len(run.samples), recipe.batch_size)
+    batch, steps = batches_of_epoch(len(run.samples), params.batch_size)
     # The steps of a resumed training's finished epochs tick too, and are no work that is left.
-    skipped = finished_epochs(training) * steps
-    run = run._replace(tick=_after(skipped, lambda: tick(batch)))
+    begun, step = finished_epochs(training) * steps, count()
+    run = run._replace(tick=lambda: tick(batch) if next(step) >= begun else None)
     train(run, resume=(training.folder / STATE_FILE).exists())
-
-
-def _after(count: int, call: Callable[[], object]) -> Callable[[], None]:
-    """Calls through, but for the first so many times."""
-    left = count
-
-    def counted() -> None:
-        nonlocal left
-        if left:
-            left -= 1
-        else:
-            call()
-
-    return counted
-
-
-def _spec(training: Training) -> RegressorSpec:
-    recipe = training.recipe
-    return RegressorSpec(
-        training.model, training.scenes, recipe.rotation, recipe.resize, recipe.crop,
-        orientation_layers=recipe.orientation_layers,
-    )  # fmt: skip
-
-
-def _params(recipe: Recipe) -> TrainingParams:
-    return TrainingParams(
-        epochs=recipe.epochs,
-        batch_size=recipe.batch_size,
-        lr=recipe.lr,
-        weight_decay=recipe.weight_decay,
-        schedule=recipe.schedule,
-        seed=recipe.seed,
-        augmentation=AugmentationParams(jitter=recipe.jitter, hue=recipe.hue),
-        loss=LossParams(recipe.loss, recipe.position_weight, recipe.rotation_weight),
-        eps=recipe.eps,
-        position_stage=PositionStageParams(
-            recipe.position_epochs, recipe.position_jitter, recipe.position_hue
-        ),
-    )
-
-
-def _predict(
-    training: Training, regressor: LoadedRegressor, name: str, scene: Scene, tick: Advance
-) -> None:
-    """Predict a scene's test recordings; the note that they are whole comes last."""
-    folder = training.walks_folder(name)
-    own = training.scenes.index(name)
-    images = right = 0
-    for walk in predict_walks(
-        regressor, scene, scene.splits["test"], folder, training.model, tick=lambda: tick(1)
-    ):
-        images += len(walk.scene)
-        right += int((walk.scene == own).sum())
-    note = {"regressor": regressor_digest(training), "images": images, "right_scene": right}
-    write_text(folder / PREDICTED_FILE, json.dumps(note) + "\n")
