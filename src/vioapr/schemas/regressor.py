@@ -17,7 +17,8 @@ REGRESSOR_FILE, STATE_FILE = "regressor.safetensors", "state.safetensors"
 IMAGE_MEAN, IMAGE_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """ImageNet's, RGB, of values from 0 to 1: networks take images less the mean, by the deviation."""
 
-Settings = dict[str, object]
+Setting = bool | int | float | str | None
+Settings = dict[str, Setting | dict[str, Setting]]
 """A resolved configuration by name. It is plain: parameters come and go, and a file keeps those
 that its network was trained with."""
 
