@@ -87,8 +87,11 @@ def test_what_cannot_be_exported(fails, checkpoint, tmp_path, monkeypatch):
     refusal = fails("export", checkpoint, *out, "--method", "pose-graph")
     assert "--method: expected" in refusal
     assert "got 'pose-graph'" in refusal
-    assert "expected one of fp32" in fails("export", checkpoint, *out, "--precision", "int4")
-    assert "go together" in fails("export", checkpoint, *out, "--precision", "int8-qdq")
+    line = fails("export", checkpoint, *out, "--precision", "int4")
+    assert "'int4' for argument '--precision'. Expected one of ('fp32'," in line
+    assert "--precision int8-qdq and --calibration go together" in fails(
+        "export", checkpoint, *out, "--precision", "int8-qdq"
+    )
     assert "found no file" in fails("export", tmp_path / "none.safetensors", *out)
     (tmp_path / "torn.safetensors").write_bytes(checkpoint.read_bytes()[:1000])
     assert "half-written" in fails("export", tmp_path / "torn.safetensors", *out)

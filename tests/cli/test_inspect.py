@@ -50,7 +50,7 @@ def test_warnings_and_fits(tmp_path, capsys):
 def test_a_format_can_be_named(tmp_path, capsys):
     path = tmp_path / "poses.txt"
     path.write_text("a/1.png 1 2 3 1 0 0 0\n")
-    inspect((path,), from_="marvin")
+    inspect((path,), format_name="marvin")
     assert "marvin, 100% sure" in capsys.readouterr().out
 
 
@@ -64,5 +64,5 @@ def test_a_file_that_cannot_be_read_is_an_error(tmp_path):
 
 
 def test_no_file_is_an_error():
-    with pytest.raises(ParameterError, match="name at least one file"):
+    with pytest.raises(ParameterError, match="files: expected at least one to inspect, got none"):
         inspect(())

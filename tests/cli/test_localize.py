@@ -157,8 +157,8 @@ def test_onnxruntime_is_missing(fails, model, recording, tmp_path, monkeypatch):
 
 def test_arguments_that_do_not_fit(fails, model, recording, tmp_path):
     base = ("localize", "--model", model, "--out", tmp_path / "f.csv")
-    assert "either --recording DIR or --images" in fails(*base)
-    assert "give --vio FILE" in fails(*base, "--images", "*.jpg")
+    assert "either --recording or --images with --vio" in fails(*base)
+    assert "give --vio" in fails(*base, "--images", "*.jpg")
     assert "has poses of its own" in fails(*base, "--recording", recording, "--vio", "v.tum")
     assert "found no file" in fails(*base, "--images", tmp_path / "*.jpg", "--vio", "v.tum")
     assert "--repeats" in fails("bench", model, "--repeats", "0")
@@ -266,7 +266,7 @@ def test_tum_ground_truth_may_be_given(run, model, recording, tmp_path, scene):
 def test_without_ground_truth_there_is_no_report(fails, model, recording, tmp_path, scene):
     scene.gt_path("walk").unlink()
     base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
-    assert "needs ground truth" in fails(*base, "--report", tmp_path / "report")
+    assert "--report needs ground truth: give --gt" in fails(*base, "--report", tmp_path / "report")
 
 
 def test_errors_are_the_projects_own():

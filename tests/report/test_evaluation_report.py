@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from vioapr.errors import FormatError
+from vioapr.errors import AlreadyExistsError, DiskFullError, UnwritableError
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import evaluate_cases
 from vioapr.evaluation.metrics import PoseErrors, summarize
@@ -234,20 +234,22 @@ def test_a_method_unknown_today_is_shown(groups, tmp_path):
 
 def test_a_file_in_the_folders_place(groups, tmp_path):
     (tmp_path / "report").write_text("mine")
-    with pytest.raises(FormatError, match="expected a folder to write the report to, got a file"):
+    with pytest.raises(
+        AlreadyExistsError, match="expected a folder to write the report to, got a file"
+    ):
         write_report(groups, tmp_path / "report", title="t")
     assert (tmp_path / "report").read_text() == "mine"
 
 
 def test_a_folder_in_the_pages_place(groups, tmp_path):
     (tmp_path / "index.html").mkdir()
-    with pytest.raises(FormatError, match="expected to write a file, got a folder"):
+    with pytest.raises(AlreadyExistsError, match="expected to write a file, got a folder"):
         write_report(groups, tmp_path, title="t")
 
 
 def test_a_folder_below_a_file(groups, tmp_path):
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(FormatError, match="cannot be written"):
+    with pytest.raises(UnwritableError, match="cannot be written"):
         write_report(groups[:1], tmp_path / "file" / "report", title="t")
 
 
@@ -256,5 +258,7 @@ def test_a_full_disk(groups, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("pathlib.Path.write_bytes", fail)
-    with pytest.raises(FormatError, match=r"drift.png: cannot be written: No space left on device"):
+    with pytest.raises(
+        DiskFullError, match=r"drift.png: cannot be written: No space left on device"
+    ):
         write_report(groups[:1], tmp_path, title="t")

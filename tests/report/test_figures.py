@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 
-from vioapr.errors import FormatError
+from vioapr.errors import UnwritableError
 from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import evaluate_cases
 from vioapr.evaluation.metrics import PoseErrors, Summary
@@ -357,7 +357,7 @@ class TestDegenerateInputs:
 
 def test_a_folder_that_cannot_be_made(groups, tmp_path):
     (tmp_path / "figures").write_text("in the way")
-    with pytest.raises(FormatError, match="cannot be written"):
+    with pytest.raises(UnwritableError, match="cannot be written"):
         figures.save_figures(groups[:1], tmp_path)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import console, progress, say
 from vioapr.errors import ParameterError
 from vioapr.files.text import write_text
 from vioapr.runtime.bench import bench
@@ -41,19 +41,19 @@ def bench_(
         repeats: How often every part is run, in turns.
         json_out: JSON to write the figures to.
     """
-    for flag, value in (("height", height), ("width", width), ("repeats", repeats)):
-        if value < 1:
-            raise ParameterError(f"--{flag}: expected at least 1, got {value}")
-    if threads is not None and threads < 1:
-        raise ParameterError(f"--threads: expected at least 1, got {threads}")
+    given = {"height": height, "width": width, "repeats": repeats, "threads": threads}
+    for name, value in given.items():
+        if value is not None and value < 1:
+            raise ParameterError(f"{name}: expected at least 1, got {value}")
     with progress("measuring", repeats) as tick:
         found = bench(model, size=(height, width), repeats=repeats, threads=threads, tick=tick)
-    _print(found)
+    print_figures(found)
     if json_out is not None:
         write_text(json_out, encode(found, indent=1))
 
 
-def _print(found: BenchResult) -> None:
+def print_figures(found: BenchResult) -> None:
+    """Print durations by part as a table, and below it size, memory, energy and machine."""
     title = (
         f"{found.file}: {found.regressor.model} {found.precision}, "
         f"{found.method}; images {found.image_px[1]}x{found.image_px[0]}, "
@@ -76,6 +76,6 @@ def _print(found: BenchResult) -> None:
         + ("not exposed by this machine" if energy is None else f"{1e3 * energy:.1f} mJ a frame"),
         found.machine,
     ]
-    console.print("; ".join(facts), soft_wrap=True, markup=False)
+    say("; ".join(facts))
     if found.note:
-        console.print(found.note, soft_wrap=True, markup=False)
+        say(found.note)

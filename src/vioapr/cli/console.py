@@ -1,4 +1,4 @@
-"""What the command line prints with: one console, progress bars and the tables."""
+"""What the command line prints with: two consoles, plain lines and progress bars."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
 # Tables must not be cut where the output goes to a file or a pipe.
 _WIDTH = None if sys.stdout.isatty() else max(160, shutil.get_terminal_size().columns)
@@ -28,11 +29,26 @@ console = Console(width=_WIDTH, highlight=False, quiet=not _IS_FIRST)
 error_console = Console(stderr=True, highlight=False, quiet=not _IS_FIRST)
 
 
+def say(text: str, style: str = "") -> None:
+    """Print a line as it is, however long: a path must not be broken, nor its brackets read.
+
+    Args:
+        text: Usually "path: fact about it".
+        style: Of rich, e.g. "bold" or "yellow".
+    """
+    console.print(Text(text, style=style), soft_wrap=True)
+
+
 @contextmanager
 def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """A progress bar with ETA on standard error.
+    """Show a progress bar with ETA on standard error.
 
-    Yields a function to call at every step, or, with their number, after several.
+    Args:
+        title: Of the work.
+        total: Number of its steps.
+
+    Yields:
+        A function to call at every step, or, with their number, after several.
     """
     columns = (
         TextColumn("{task.description}"),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import console
+from vioapr.cli.console import say
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.conversion import convert_file
 
@@ -38,9 +38,7 @@ def convert(
     options = ReadOptions(rate_hz, sequence)
     done = convert_file(source, target, source_format, target_format, options, overwrite=overwrite)
     lost = f"; lost: {' and '.join(done.lost)}" if done.lost else ""
-    console.print(
+    say(
         f"{source} ({done.source_format}) -> {target} ({done.target_format}): "
-        f"{done.poses} poses{lost}",
-        markup=False,
-        soft_wrap=True,
+        f"{done.poses} poses{lost}"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import webbrowser
 from pathlib import Path
 
-from vioapr.cli.console import console, error_console
+from vioapr.cli.console import error_console, say
 from vioapr.cli.localize import localize_
 from vioapr.recipes.demo import unpack_demo
 
@@ -22,11 +22,10 @@ def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
         open_report: Show the report in a browser, if there is one.
     """
     given = unpack_demo(out)
-    console.print(
+    say(
         f"vioapr localize --model {given.model} --recording {given.recording} "
-        f"--out {given.out} --report {given.report}",
-        soft_wrap=True, markup=False,
-    )  # fmt: skip
+        f"--out {given.out} --report {given.report}"
+    )
     localize_(given.model, given.out, given.recording, report=given.report)
     if open_report and error_console.is_terminal:
         webbrowser.open((given.report / "index.html").resolve().as_uri())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,11 +12,11 @@ from typing import Annotated, Any
 import tyro
 from rich.table import Table
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import console, progress, say
 from vioapr.cli.method_params import MethodParams, parse_methods
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
-from vioapr.evaluation.tables import Group, Row, tabulate, to_csv, to_records
+from vioapr.evaluation.tables import Group, tabulate, to_csv, to_records
 from vioapr.files.text import write_text
 from vioapr.fusion.offline import View
 from vioapr.report.evaluation_report import count_report_ticks, write_report
@@ -29,7 +28,7 @@ from vioapr.report.formatting import (
     format_walks,
 )
 from vioapr.scene.walks import find_walks
-from vioapr.schemas.base import to_plain
+from vioapr.schemas.base import encode
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 _WIDE = 140
@@ -73,7 +72,7 @@ def evaluate(
         results, groups = tabulate(cases, chosen, view=view, tick=tick)
     print_tables(groups)
     if json_out is not None:
-        write_text(json_out, json.dumps(to_plain(to_records(groups)), indent=1) + "\n")
+        write_text(json_out, encode(to_records(groups), indent=1))
     if csv_out is not None:
         write_text(csv_out, to_csv(results))
     if report is not None:
@@ -100,45 +99,39 @@ def publish(
             date=date.today().isoformat(),
             tick=tick,
         )
-    console.print(f"report: {page.resolve()}", soft_wrap=True)
+    say(f"report: {page.resolve()}")
 
 
 def print_tables(groups: Sequence[Group]) -> None:
-    """The tables of all groups, and how to read them."""
+    """Print the tables of all groups, and how to read them.
+
+    Raw figures stand beside the fused ones, or below them where the terminal is narrow.
+    """
+    is_wide = console.width >= _WIDE
+    raw = ("raw",) if is_wide else ()
     for group in groups:
-        console.print(_make_table(group))
-    console.print(
+        table = Table(title=f"{group.title}: {format_walks(group)}", title_justify="left")
+        for header in ("method", "frames"):
+            table.add_column(header, no_wrap=True)
+        for header in ("share", "median", *raw, "p95", *raw, "levels %", *raw):
+            table.add_column(header, justify="right", no_wrap=True)
+        previous = ""
+        for row in group.rows:
+            if previous and row.method != previous:
+                table.add_section()
+            cells = [row.method if row.method != previous else "", row.subset]
+            cells.append(format_share(row.fused))
+            for figures in (format_median, format_p95, format_levels):
+                fused, raw_figures = figures(row.fused), figures(row.raw)
+                if is_wide:
+                    cells += [fused, raw_figures]
+                else:
+                    cells.append(f"{fused}\n[dim]raw {raw_figures}[/dim]")
+            table.add_row(*cells)
+            previous = row.method
+        console.print(table)
+    say(
         "Errors: position m / orientation deg, means over walks of each walk's median and 95th "
         "percentile. Levels: % within 0.25 m, 2 deg / 0.5 m, 5 deg / 5 m, 10 deg. "
-        "raw: the regressor alone on the same frames.",
-        soft_wrap=True,
+        "raw: the regressor alone on the same frames."
     )
-
-
-def _make_table(group: Group) -> Table:
-    """Raw figures beside the fused ones, or below them where the terminal is narrow."""
-    is_wide = console.width >= _WIDE
-    table = Table(title=f"{group.title}: {format_walks(group)}", title_justify="left")
-    for header in ("method", "frames"):
-        table.add_column(header, no_wrap=True)
-    raw_header = ("raw",) if is_wide else ()
-    for header in ("share", "median", *raw_header, "p95", *raw_header, "levels %", *raw_header):
-        table.add_column(header, justify="right", no_wrap=True)
-    previous = ""
-    for row in group.rows:
-        if previous and row.method != previous:
-            table.add_section()
-        name = row.method if row.method != previous else ""
-        table.add_row(name, row.subset, format_share(row.fused), *_figures(row, is_wide))
-        previous = row.method
-    return table
-
-
-def _figures(row: Row, is_wide: bool) -> list[str]:
-    pairs = [
-        (figures(row.fused), figures(row.raw))
-        for figures in (format_median, format_p95, format_levels)
-    ]
-    if is_wide:
-        return [text for pair in pairs for text in pair]
-    return [f"{fused}\n[dim]raw {raw}[/dim]" for fused, raw in pairs]

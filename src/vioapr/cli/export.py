@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-from vioapr.cli.console import console
+from vioapr.cli.console import say
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.cli.torch_extra import require_torch
-from vioapr.errors import MissingExtraError, ParameterError, UnwritableError
+from vioapr.errors import MissingExtraError, ParameterError
+from vioapr.files.text import write_bytes
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 
-_PRECISIONS = ("fp32", "fp16w", "int8w", "int8-qdq")
+Precision = Literal["fp32", "fp16w", "int8w", "int8-qdq"]
 
 
 def export(
     checkpoint: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="CHECKPOINT")],
     out: Path,
     method: str = DEFAULT_METHOD,
-    precision: str = "fp32",
+    precision: Precision = "fp32",
     split: bool = False,
     calibration: Path | None = None,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
@@ -39,12 +40,8 @@ def export(
         calibration: For int8-qdq: a scene, of whose training images some are used.
         params: Parameters of the methods. Those that the file takes as input are its defaults.
     """
-    if precision not in _PRECISIONS:
-        raise ParameterError(
-            f"--precision: expected one of {', '.join(_PRECISIONS)}, got {precision!r}"
-        )
     if (precision == "int8-qdq") != (calibration is not None):
-        raise ParameterError("--precision int8-qdq and --calibration SCENE go together")
+        raise ParameterError("`precision` int8-qdq and `calibration` go together")
     chosen = get_method(method)
     require_torch("vioapr export")
     try:
@@ -61,15 +58,9 @@ def export(
         images = training_images(calibration, exporter.preprocess)
     if split:
         apr, fusion = exporter.export_split(precision, images)
-        _write(out.with_suffix(".apr.onnx"), apr.content)
-        _write(out.with_suffix(".fusion.onnx"), fusion.content)
+        made = {out.with_suffix(".apr.onnx"): apr, out.with_suffix(".fusion.onnx"): fusion}
     else:
-        _write(out, exporter.export(precision, images).content)
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise UnwritableError.of(path, error) from None
-    console.print(f"{path}: {len(content) / 1e6:.2f} MB", markup=False, soft_wrap=True)
+        made = {out: exporter.export(precision, images)}
+    for path, file in made.items():
+        write_bytes(path, file.content)
+        say(f"{path}: {len(file.content) / 1e6:.2f} MB")

@@ -7,17 +7,17 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import progress, say
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.formats import tum
 from vioapr.formats.registry import read_trajectory
 from vioapr.formats.stated_sigmas import read_sigmas, read_sigmas_beside
-from vioapr.fusion.fused_walk import FusedWalk, write_fused_csv
+from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import View, fuse_walk
 from vioapr.fusion.pairing import pair_frames
 from vioapr.fusion.smoothing import smooth_walk
-from vioapr.fusion.types import Status
+from vioapr.report.formatting import format_statuses
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 
@@ -62,33 +62,22 @@ def fuse(
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
     predictions = read_trajectory(apr, apr_format)
+    tracked = read_trajectory(vio, vio_format)
     if apr_sigma is None:
-        stated = read_sigmas_beside(apr, predictions)
+        sigmas = read_sigmas_beside(apr, predictions)
     else:
-        stated = read_sigmas(apr_sigma, predictions)
-    frames = pair_frames(
-        predictions, read_trajectory(vio, vio_format), tolerance_s, apr_sigmas=stated
-    )
+        sigmas = read_sigmas(apr_sigma, predictions)
+    frames = pair_frames(predictions, tracked, tolerance_s, apr_sigmas=sigmas)
     run = smooth_walk if offline else fuse_walk
     passes = 2 if offline else 1
     with progress(f"fusing by {method}", passes * len(frames)) as tick:
         fused = run(chosen, chosen_params, frames, view=view, tick=tick)
     write_fused_csv(out, fused)
-    console.print(f"{out}: {_describe(fused)}")
-    if tum_out is not None:
-        _write_tum(tum_out, fused)
-
-
-def _describe(fused: FusedWalk) -> str:
-    counts = {status.label: int((fused.status == status).sum()) for status in Status}
-    parts = [f"{count} {label}" for label, count in counts.items() if count]
-    return f"{len(fused)} frames: {', '.join(parts)}"
-
-
-def _write_tum(path: Path, fused: FusedWalk) -> None:
-    rows = fused.is_localized
-    if not rows.any():
-        console.print(f"{path}: not written, no frame was localized")
+    say(f"{out}: {format_statuses(fused)}")
+    if tum_out is None:
         return
-    tum.write(path, fused.to_trajectory())
-    console.print(f"{path}: {rows.sum()} localized frames")
+    if fused.is_localized.any():
+        tum.write(tum_out, fused.to_trajectory())
+        say(f"{tum_out}: {fused.is_localized.sum()} localized frames")
+    else:
+        say(f"{tum_out}: not written, no frame was localized")

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.text import Text
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import progress, say
 from vioapr.importers.base import ImportOptions, Place, Split
-from vioapr.importers.registry import Imported, get_importer, import_source
+from vioapr.importers.registry import get_importer, import_source
 
 
 def import_(
@@ -53,15 +52,10 @@ def import_(
     for imported in import_source(
         importer, source, out, options, place=place, link=images == "link", progress=progress
     ):
-        _print(imported)
+        where = "excluded" if imported.is_excluded else imported.split or "in no split"
+        say(f"{imported.folder} ({where})", "bold")
+        for finding in imported.findings:
+            warning, style = ("WARNING ", "yellow") if finding.is_warning else ("", "")
+            say(f"  {warning}{finding.text}", style)
         count += 1
-    console.print(f"{out}: {count} recording{'s' if count != 1 else ''} imported", soft_wrap=True)
-
-
-def _print(imported: Imported) -> None:
-    where = "excluded" if imported.is_excluded else imported.split or "in no split"
-    console.print(Text(f"{imported.folder} ({where})", style="bold"), soft_wrap=True)
-    for finding in imported.findings:
-        style = "yellow" if finding.is_warning else ""
-        text = f"  WARNING {finding.text}" if finding.is_warning else f"  {finding.text}"
-        console.print(Text(text, style=style), soft_wrap=True)
+    say(f"{out}: {count} recording{'s' if count != 1 else ''} imported")

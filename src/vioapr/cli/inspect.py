@@ -10,7 +10,7 @@ import tyro
 from rich.table import Table
 from rich.text import Text
 
-from vioapr.cli.console import console
+from vioapr.cli.console import console, say
 from vioapr.errors import ParameterError
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.inspection import Inspection, inspect_file
@@ -21,7 +21,7 @@ _MAX_FITS = 4
 
 def inspect(
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[FILE ...]")],
-    from_: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
+    format_name: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
     against: Path | None = None,
     rate_hz: float | None = None,
     sequence: str | None = None,
@@ -31,7 +31,7 @@ def inspect(
 
     Args:
         files: Files, or folders of formats that are one.
-        from_: Format of the files; by default the one each looks like.
+        format_name: Format of the files; by default the one each looks like.
         against: Another track of the same walk whose convention is known, as the VIO's: tells
             inverted, mirrored, OpenGL and misordered poses apart.
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.
@@ -42,81 +42,54 @@ def inspect(
         VioAprError: A file cannot be read.
     """
     if not files:
-        raise ParameterError("nothing to inspect: name at least one file")
+        raise ParameterError("files: expected at least one to inspect, got none")
     options = ReadOptions(rate_hz, sequence)
     reference = None if against is None else read_trajectory(against, options=options)
     found = []
     for file in files:
-        inspection = inspect_file(file, from_, options, reference)
+        inspection = inspect_file(file, format_name, options, reference)
         found.append(inspection.to_json())
         if not json_:
-            _print(inspection)
+            print_inspection(inspection)
     if json_:
-        console.print(json.dumps(found, indent=2), markup=False, soft_wrap=True)
+        say(json.dumps(found, indent=2))
 
 
-def _print(inspection: Inspection) -> None:
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for title, value in _facts(inspection):
-        table.add_row(title, Text(value))
-    console.print(Text(inspection.path, style="bold"))
-    console.print(table)
-    for warning in inspection.warnings:
-        console.print(Text(f"WARNING {warning}", style="yellow"), soft_wrap=True)
-    if not inspection.warnings:
-        console.print(Text("nothing looks wrong", style="green"))
-
-
-def _facts(inspection: Inspection) -> list[tuple[str, str]]:
+def print_inspection(inspection: Inspection) -> None:
+    """Print what was found out of a file as a table, and below it what looks wrong."""
     best, *others = inspection.candidates
     rest = ", ".join(f"{other.name} {other.confidence:.0%}" for other in others)
+    times = "timed" if inspection.is_timed else "no timestamps"
+    names = f"{'with' if inspection.has_names else 'no'} image names"
     low_high = zip("xyz", inspection.extent_m, strict=True)
-    facts = [
+    rows = [
         ("format", f"{best.name}, {best.confidence:.0%} sure" + (f" (or {rest})" if rest else "")),
         ("convention", inspection.convention),
-        ("read as", f"{inspection.frames}, {inspection.poses} poses{_labels(inspection)}"),
+        ("read as", f"{inspection.frames}, {inspection.poses} poses, {times}, {names}"),
         ("extent", ", ".join(f"{n} {low:.3f} to {high:.3f} m" for n, (low, high) in low_high)),
         ("path", f"{inspection.path_length_m:.3f} m"),
     ]
-    facts += _motion_facts(inspection)
-    facts += [
-        (
-            "fit" if rank == 0 else "",
-            f"{fit.title}: rotations {fit.rotation_deg:.2f} deg, directions "
-            f"{fit.direction_deg:.1f} deg",
-        )
-        for rank, fit in enumerate(inspection.fits[:_MAX_FITS])
-    ]
-    return facts
-
-
-def _labels(inspection: Inspection) -> str:
-    times = "timed" if inspection.is_timed else "no timestamps"
-    return f", {times}, {'with' if inspection.has_names else 'no'} image names"
-
-
-def _motion_facts(inspection: Inspection) -> list[tuple[str, str]]:
-    facts = []
     if inspection.duration_s is not None and inspection.start_s is not None:
         rate = "" if inspection.rate_hz is None else f" at {inspection.rate_hz:.3g} Hz (median)"
-        facts.append(
-            ("time", f"{inspection.duration_s:.3f} s{rate}, from {inspection.start_s:.6f} s")
-        )
+        span = f"{inspection.duration_s:.3f} s{rate}, from {inspection.start_s:.6f} s"
+        rows.append(("time", span))
     if (speed := inspection.speed) is not None:
-        facts.append(
-            (
-                "speed",
-                f"median {speed.median_m_s:.3f}, 95 % below {speed.p95_m_s:.3f}, "
-                f"max {speed.max_m_s:.3f} m/s",
-            )
-        )
+        speeds = f"median {speed.median_m_s:.3f}, 95 % below {speed.p95_m_s:.3f}, "
+        rows.append(("speed", f"{speeds}max {speed.max_m_s:.3f} m/s"))
     if (up := inspection.up) is not None:
         held = ", held in portrait" if up.is_portrait else ""
-        facts.append(
-            (
-                "up",
-                f"{up.axis}, {up.off_axis_deg:.0f} deg off it, spread {up.spread_deg:.0f} deg"
-                f" (a guess, from the camera's up-vector{held})",
-            )
-        )
-    return facts
+        guess = f"(a guess, from the camera's up-vector{held})"
+        off = f"{up.off_axis_deg:.0f} deg off it, spread {up.spread_deg:.0f} deg"
+        rows.append(("up", f"{up.axis}, {off} {guess}"))
+    for rank, fit in enumerate(inspection.fits[:_MAX_FITS]):
+        errors = f"rotations {fit.rotation_deg:.2f} deg, directions {fit.direction_deg:.1f} deg"
+        rows.append(("" if rank else "fit", f"{fit.title}: {errors}"))
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for title, value in rows:
+        table.add_row(title, Text(value))
+    say(inspection.path, "bold")
+    console.print(table)
+    for warning in inspection.warnings:
+        say(f"WARNING {warning}", "yellow")
+    if not inspection.warnings:
+        say("nothing looks wrong", "green")

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import progress, say
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
 from vioapr.scene.scene import Scene
@@ -54,13 +54,12 @@ def predict(
             has_all &= walk.can_be_evaluated
             if len(known) > 1 and opened.name in known:
                 share = 100 * float((walk.scene == known.index(opened.name)).mean())
-                console.print(f"{walk.id}: {share:.1f} % of images taken for {opened.name!r}")
+                say(f"{walk.id}: {share:.1f} % of images taken for {opened.name!r}")
     if opened.name not in known:
-        console.print(
+        say(
             f"note: {opened.name!r} is none of the scenes that this regressor knows: "
-            f"{', '.join(map(repr, known))}",
-            soft_wrap=True,
+            f"{', '.join(map(repr, known))}"
         )
-    console.print(f"predictions: {folder}", soft_wrap=True)
+    say(f"predictions: {folder}")
     if has_all:
-        console.print(f"evaluate them: vioapr evaluate {folder}", soft_wrap=True)
+        say(f"evaluate them: vioapr evaluate {folder}")

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import progress, say
 from vioapr.errors import ParameterError
 from vioapr.scene.walks import write_walk
 
@@ -71,16 +71,13 @@ def simulate_courtyard(
     background = Background(out / FROM_ABOVE, FROM_ABOVE_WIDTH_M)
     save_photo_figure(route_map(scene, background), out / "routes.png")
     for plan in plans:
-        note = "".join(
-            f", {what} at {time_s:.0f} s"
-            for what, time_s in (
-                ("tracking lost", plan.tracker_events.lost_s),
-                ("relocalization jump", plan.tracker_events.jump_s),
-            )
-            if time_s is not None
-        )
-        console.print(f"{plan.id_}: {params.frames} images, {plan.weather}, {plan.route}{note}")
-    console.print(f"scene: {out} (see preview.png and routes.png)", soft_wrap=True)
+        text = f"{plan.id_}: {params.frames} images, {plan.weather}, {plan.route}"
+        if plan.tracker_events.lost_s is not None:
+            text += f", tracking lost at {plan.tracker_events.lost_s:.0f} s"
+        if plan.tracker_events.jump_s is not None:
+            text += f", relocalization jump at {plan.tracker_events.jump_s:.0f} s"
+        say(text)
+    say(f"scene: {out} (see preview.png and routes.png)")
 
 
 def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:
@@ -105,4 +102,4 @@ def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:
             folder = out / f"walk{index + 1:02d}"
             write_walk(folder, gt=walk.gt, vios={"sim": walk.vio}, aprs={"simulated": walk.apr})
             tick()
-    console.print(f"evaluate them: vioapr evaluate {out}", soft_wrap=True, markup=False)
+    say(f"evaluate them: vioapr evaluate {out}")

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.table import Table
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import console, progress, say
 from vioapr.evaluation.metrics import PoseErrors, summarize
 from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
 from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_record
 from vioapr.evaluation.vio_tracks import find_vio_walks
-from vioapr.files.text import write_bytes, write_text
-from vioapr.geometry.relative import RelativeGap
-from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
+from vioapr.files.text import write_text
+from vioapr.report.figures.vio_quality import VIO_FIGURES
 from vioapr.report.formatting import format_error, format_median, format_number
-from vioapr.report.style import render
-from vioapr.schemas.base import to_plain
+from vioapr.report.style import save_figure
+from vioapr.schemas.base import encode
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 
@@ -50,15 +48,17 @@ def vio_quality(
         for walk in walks:
             qualities += [analyze(track, params) for track in walk.read(tolerance_s)]
             tick()
-    console.print(_table(qualities, params))
-    _print_notes(qualities, params)
+    print_qualities(qualities, params)
     if json_out is not None:
-        write_text(json_out, json.dumps(to_plain(to_record(qualities)), indent=1) + "\n")
+        write_text(json_out, encode(to_record(qualities), indent=1))
     if figures is not None:
-        _save_figures(qualities, figures)
+        for name, draw in VIO_FIGURES.items():
+            save_figure(draw(qualities), figures / name)
+        say(f"figures: {figures.resolve()}")
 
 
-def _table(qualities: list[VioQuality], params: VioQualityParams) -> Table:
+def print_qualities(qualities: list[VioQuality], params: VioQualityParams) -> None:
+    """Print a table with a row a track, and below it how to read it and what to know."""
     table = Table(
         title=f"pairs at {params.rate_hz:g} Hz; aligned on the first {params.align_s:g} s",
         title_justify="left",
@@ -72,62 +72,42 @@ def _table(qualities: list[VioQuality], params: VioQualityParams) -> Table:
         table.add_column(header, justify="right")
     for name, members in group_tracks(qualities).items():
         for number, quality in enumerate(members):
-            table.add_row(name if number == 0 else "", quality.track.walk, *_cells(quality))
+            distance, minute = quality.per_distance, quality.per_time
+            a_minute = 60 / minute.stretch if minute.stretch else float("nan")
+            percent = 100 / distance.stretch if distance.stretch else float("nan")
+            table.add_row(
+                name if number == 0 else "",
+                quality.track.walk,
+                format_number(quality.path_m, 1),
+                format_error(quality.ate_m),
+                format_median(summarize(quality.errors)),
+                format_median(summarize(PoseErrors(*quality.gaps))),
+                format_number(100 * quality.share_within, 1),
+                format_error(percent * distance.position_m),
+                f"{format_error(minute.position_m * a_minute)}, "
+                f"{format_error(minute.orientation_deg * a_minute)}",
+                format_number(quality.scale, 3),
+                "[red]diverges[/red]" if quality.diverges_at_s is not None else "",
+            )
         if len(members) > 1:
             pairs = format_number(100 * share_within(steady(members)), 1)
             walks = f"{len(steady(members))} not diverging"
             table.add_row("", f"[b]{walks}[/b]", *[""] * 4, f"[b]{pairs}[/b]", *[""] * 4)
         table.add_section()
-    return table
-
-
-def _cells(quality: VioQuality) -> list[str]:
-    distance, minute = quality.per_distance, quality.per_time
-    a_minute = 60 / minute.stretch if minute.stretch else float("nan")
-    percent = 100 / distance.stretch if distance.stretch else float("nan")
-    drift = f"{format_error(minute.position_m * a_minute)}, "
-    drift += format_error(minute.orientation_deg * a_minute)
-    return [
-        format_number(quality.path_m, 1),
-        format_error(quality.ate_m),
-        _medians(quality.errors),
-        _medians(quality.gaps),
-        format_number(100 * quality.share_within, 1),
-        format_error(percent * distance.position_m),
-        drift,
-        format_number(quality.scale, 3),
-        "[red]diverges[/red]" if quality.diverges_at_s is not None else "",
-    ]
-
-
-def _medians(errors: PoseErrors | RelativeGap) -> str:
-    return format_median(summarize(PoseErrors(*errors)))
-
-
-def _print_notes(qualities: list[VioQuality], params: VioQualityParams) -> None:
-    notes = [
+    console.print(table)
+    say(
         "Medians over frames or pairs. Drift: error of relative poses over stretches of "
         f"{params.stretch_m:g} m and {params.stretch_s:g} s, or half the walk; it has the ground "
         "truth's own orientation noise in it. Scale: true metres per metre of the tracker."
-    ]
+    )
     for quality in qualities:
         if quality.diverges_at_s is not None:
-            notes.append(
+            say(
                 f"{quality.track.title}: the tracker diverges from ground truth, first at "
                 f"{quality.diverges_at_s:.0f} s; the group's figures are without it."
             )
         if not len(quality.pair_rows):
-            notes.append(
+            say(
                 f"{quality.track.title}: no two frames are {1 / params.rate_hz:g} s apart: "
                 "choose another --rate-hz."
             )
-    for note in notes:
-        console.print(note, soft_wrap=True, markup=False)
-
-
-def _save_figures(qualities: list[VioQuality], folder: Path) -> None:
-    drawings = {"vio_errdis": vio_distribution_figure, "vio_drift": vio_drift_figure}
-    for name, draw in drawings.items():
-        for ending, content in zip(("png", "svg"), render(draw(qualities)), strict=True):
-            write_bytes(folder / f"{name}.{ending}", content)
-    console.print(f"figures: {folder.resolve()}", soft_wrap=True)

@@ -1,24 +1,22 @@
-"""The report: tables, figures and how to read them, on one page that needs no other file."""
+"""The report of an evaluation: tables, figures and how to read them, on one page."""
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from html import escape
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from vioapr._version import __version__
-from vioapr.errors import FormatError
-from vioapr.evaluation.evaluate import Result
+from vioapr.errors import AlreadyExistsError
 from vioapr.evaluation.metrics import PRECISION_LEVELS, Summary, summarize
-from vioapr.evaluation.tables import Group, Row
+from vioapr.evaluation.tables import Group
 from vioapr.files.text import write_text
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import View
 from vioapr.fusion.types import Status
-from vioapr.report.figures import FigureFiles, count_figure_ticks, save_figures
+from vioapr.report.figures import count_figure_ticks, save_figures
 from vioapr.report.formatting import (
     UNKNOWN,
     format_levels,
@@ -28,7 +26,7 @@ from vioapr.report.formatting import (
     format_share,
     format_walks,
 )
-from vioapr.report.page import embed_figure, make_page, make_table
+from vioapr.report.page import Cell, Figure, Heading, Page, Table, embed_figure, render_page
 from vioapr.report.style import method_colors
 
 _STATUS_KEY = {
@@ -48,6 +46,52 @@ _COMPARED = (
     ("high / medium / low, %", format_levels, operator.gt),
 )
 """Pairs of columns: title, format, and which of two numbers is better."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A group's part of the page.
+
+    Attributes:
+        anchor: Its name for links.
+        title: Of the group.
+        walks: How many there are, in words.
+        raw_median: The raw regressor's, over all predictions.
+        table: A row a method and subset of the frames.
+        figures: Drift, trajectories and distributions.
+        all_walks: A row a walk and method.
+    """
+
+    anchor: str
+    title: str
+    walks: str
+    raw_median: str
+    table: Table
+    figures: Sequence[Figure]
+    all_walks: Table
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationPage(Page):
+    """The data of `evaluation.html`.
+
+    Attributes:
+        facts: What was run: names and texts.
+        methods: What each does, and its parameters.
+        command: The command that made the page, or "".
+        levels: The precision levels, in words.
+        statuses: Where a pose comes from: labels and texts.
+        overview: A row a group.
+        sections: A section a group.
+    """
+
+    facts: Sequence[tuple[str, str]]
+    methods: Table
+    command: str
+    levels: str
+    statuses: Sequence[tuple[str, str]]
+    overview: Table
+    sections: Sequence[Section]
 
 
 def count_report_ticks(groups: Sequence[Group]) -> int:
@@ -74,7 +118,7 @@ def write_report(
         title: The page's heading.
         command: The command that made it, to be shown.
         params_of_method: The methods' parameters, as `evaluate_cases` got them.
-        view: Likewise.
+        view: As `evaluate_cases` got it.
         date: When it was made; without it, equal inputs make equal pages.
         tick: Called as often as `count_report_ticks` says, for progress.
 
@@ -82,232 +126,191 @@ def write_report(
         The page's path.
 
     Raises:
-        FormatError: The folder is a file, or a file cannot be written.
+        AlreadyExistsError: The folder is a file, or the page a folder.
+        UnwritableError: A file cannot be written.
     """
-    page = folder / "index.html"
+    path = folder / "index.html"
     if folder.exists() and not folder.is_dir():
-        raise FormatError(folder, "expected a folder to write the report to, got a file")
-    if page.is_dir():
-        raise FormatError(page, "expected to write a file, got a folder of this name")
+        raise AlreadyExistsError(folder, "expected a folder to write the report to, got a file")
+    if path.is_dir():
+        raise AlreadyExistsError(path, "expected to write a file, got a folder of this name")
     figures = save_figures(groups, folder, tick)
-    run = _run(groups, command, params_of_method or {}, view, date)
     sections = [
-        _section(f"group-{number}", group, [f for f in figures if f.group is group])
+        Section(
+            anchor=f"group-{number}",
+            title=group.title,
+            walks=format_walks(group),
+            raw_median=format_median(group.raw),
+            table=make_group_table(group),
+            figures=[
+                embed_figure(one.png, one.svg, f"{one.kind}: {group.title}", one.caption)
+                for one in figures
+                if one.group is group
+            ],
+            all_walks=make_walks_table(group),
+        )
         for number, group in enumerate(groups, 1)
     ]
-    write_text(page, _page(title, groups, [run, _key(), _overview(groups), *sections]))
-    return page
+    page = EvaluationPage(
+        title=title,
+        contents=[
+            ("run", "What was run"),
+            ("key", "How to read it"),
+            ("overview", "Overview"),
+            *((section.anchor, section.title) for section in sections),
+        ],
+        facts=list_facts(groups, view, date),
+        methods=make_methods_table(groups, params_of_method or {}),
+        command=command or "",
+        levels="; ".join(
+            f"{name}: within {limit_m:g} m and {limit_deg:g}°"
+            for name, (limit_m, limit_deg) in PRECISION_LEVELS.items()
+        ),
+        statuses=[(status.label, text) for status, text in _STATUS_KEY.items()],
+        overview=make_overview(groups),
+        sections=sections,
+    )
+    write_text(path, render_page("evaluation.html", page))
+    return path
 
 
-def _page(title: str, groups: Sequence[Group], sections: Iterable[str]) -> str:
-    links = [("run", "What was run"), ("key", "How to read it"), ("overview", "Overview")]
-    links += [(f"group-{number}", group.title) for number, group in enumerate(groups, 1)]
-    return make_page(title, links, sections)
-
-
-def _run(
-    groups: Sequence[Group],
-    command: str | None,
-    params_of_method: Mapping[str, Any],
-    view: str | None,
-    date: str | None,
-) -> str:
-    """What was run: counts, methods with parameters, view, version and command."""
+def list_facts(
+    groups: Sequence[Group], view: str | None, date: str | None
+) -> list[tuple[str, str]]:
+    """List what was run: counts of walks and frames, view, version and date."""
     results = [result for group in groups for result in group.results]
-    cases = {id(result.case): len(result.status) for result in results}
-    walks = {(r.case.set_name, r.case.walk) for r in results}
-    entries = [
-        ("Walks", f"{len(walks)}, fused {len(cases)} times (odometries and regressors)"),
-        ("Frames", f"{sum(cases.values())} with ground truth, in all of these"),
-        *(("View", _VIEW_KEY.get(name, name)) for name in [view] if name),
-        ("vioapr", __version__),
-        *(("Date", text) for text in [date] if text),
+    frames_of_case = {id(result.case): len(result.status) for result in results}
+    walks = {(result.case.set_name, result.case.walk) for result in results}
+    runs = len(frames_of_case)
+    facts = [
+        ("Walks", f"{len(walks)}, fused {runs} times (odometries and regressors)"),
+        ("Frames", f"{sum(frames_of_case.values())} with ground truth, in all of these"),
     ]
-    items = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in entries)
-    rows = [
-        [_method_name(name, groups), *(escape(t) for t in _describe(name, params_of_method))]
-        for name in _methods(groups)
-    ]
-    methods = make_table([["method", "what it does", "parameters"]], rows, text_columns=3)
-    shown = f"<h3>Command</h3><pre><code>{escape(command)}</code></pre>" if command else ""
-    return f"""<h2 id="run">What was run</h2>
-<dl>{items}</dl>
-<div class="words">{methods}</div>
-{shown}"""
+    if view:
+        facts.append(("View", _VIEW_KEY.get(view, view)))
+    facts.append(("vioapr", __version__))
+    if date:
+        facts.append(("Date", date))
+    return facts
 
 
-def _describe(method: str, params_of_method: Mapping[str, Any]) -> tuple[str, str]:
-    """A method in words, and its parameters."""
-    summary = METHODS[method].summary if method in METHODS else UNKNOWN
-    params = params_of_method.get(method)
-    if params is None or not is_dataclass(params):
-        return summary, UNKNOWN
-    values = [f"{field.name} = {getattr(params, field.name)}" for field in fields(params)]
-    return summary, ", ".join(values) or "none"
+def make_methods_table(groups: Sequence[Group], params_of_method: Mapping[str, Any]) -> Table:
+    """Make a table of what each method does and of its parameters."""
+    rows = []
+    for name in _methods(groups):
+        params, described = params_of_method.get(name), UNKNOWN
+        if params is not None and is_dataclass(params):
+            values = (f"{field.name} = {getattr(params, field.name)}" for field in fields(params))
+            described = ", ".join(values) or "none"
+        summary = METHODS[name].summary if name in METHODS else UNKNOWN
+        rows.append([_method_cell(name, groups), summary, described])
+    heads = [[Heading(text) for text in ("method", "what it does", "parameters")]]
+    return Table(heads, rows, text_columns=3)
 
 
-def _key() -> str:
-    statuses = "".join(
-        f"<dt>{status.label}</dt><dd>{text}</dd>" for status, text in _STATUS_KEY.items()
-    )
-    levels = "; ".join(
-        f"{name}: within {limit_m:g} m and {limit_deg:g}°"
-        for name, (limit_m, limit_deg) in PRECISION_LEVELS.items()
-    )
-    return f"""<h2 id="key">How to read it</h2>
-<p>Errors are distances of positions in metres and angles between orientations in degrees,
-written m / °. A run is a walk with one draw of odometry; figures of a group are means over
-runs of each run's own. Every figure says which share of the frames it covers, and
-<em>raw</em> is the regressor alone on exactly these frames. The better of the two is
-<b>bold</b>.</p>
-<p>Precision levels: {levels}. The tables say how many per cent of the counted frames reach
-each.</p>
-<h3>Where a pose comes from</h3>
-<dl>{statuses}</dl>"""
-
-
-def _overview(groups: Sequence[Group]) -> str:
-    """A row a group: the raw regressor, then every method over all frames that have a pose."""
+def make_overview(groups: Sequence[Group]) -> Table:
+    """Make a row a group: the raw regressor, then every method over all frames with a pose."""
     methods = [name for name in _methods(groups) if name != "apr"]
-    names = ["", "", "raw, all predictions", *(_method_name(name, groups) for name in methods)]
-    spans = [1, 1, 2, *(3 for _ in methods)]
+    names = [Heading(""), Heading(""), Heading("raw, all predictions", 2)]
+    names += [Heading(_method_cell(name, groups), 3) for name in methods]
     head = ["set, odometry, regressor", "runs", "median", "p95"]
     head += ["median", "p95", "share"] * len(methods)
     rows = []
     for number, group in enumerate(groups, 1):
-        link = f'<a href="#group-{number}">{escape(group.title)}</a>'
-        cells = [link, str(group.cases), format_median(group.raw), format_p95(group.raw)]
+        cells: list[str | Cell] = [Cell(((group.title, False),), link=f"#group-{number}")]
+        cells += [str(group.cases), format_median(group.raw), format_p95(group.raw)]
+        over_all = {row.method: row for row in group.rows if row.subset == "all frames"}
         for name in methods:
-            row = next(
-                (r for r in group.rows if (r.method, r.subset) == (name, "all frames")), None
-            )
-            cells += _overview_cells(row)
+            if name in over_all:
+                row = over_all[name]
+                median, _, p95, *_ = compare_summaries(row.fused, row.raw)
+                cells += [median, p95, format_share(row.fused)]
+            else:
+                cells += [UNKNOWN] * 3
         rows.append(cells)
     starts = [2, *(4 + 3 * index for index in range(len(methods)))]
-    table = make_table([names, head], rows, text_columns=1, spans=spans, starts=starts)
-    return f"""<h2 id="overview">Overview</h2>
-<p>All frames that have a pose; m / °. <b>Bold</b>: better than the raw regressor on the same
-frames.</p>
-{table}"""
+    return Table([names, [Heading(text) for text in head]], rows, text_columns=1, starts=starts)
 
 
-def _overview_cells(row: Row | None) -> list[str]:
-    if row is None:
-        return [UNKNOWN] * 3
-    median, _ = _compare(format_median, row.fused, row.raw, operator.lt)
-    p95, _ = _compare(format_p95, row.fused, row.raw, operator.lt)
-    return [median, p95, format_share(row.fused)]
-
-
-def _section(anchor: str, group: Group, figures: Iterable[FigureFiles]) -> str:
-    shown = "\n".join(_figure(figure) for figure in figures)
-    return f"""<section>
-<h2 id="{anchor}">{escape(group.title)}</h2>
-<p class="note">{escape(format_walks(group))}. On all predictions, the raw regressor's median is
-{format_median(group.raw)} (m / °).</p>
-{_group_table(group)}
-{shown}
-<details><summary>Every walk ({len(group.results)} rows)</summary>
-{_walks_table(group)}
-</details>
-</section>"""
-
-
-def _group_table(group: Group) -> str:
-    """The paper's Tables 2-5: a row a method and subset of the frames."""
-    head = ["method", "frames", "runs", "share", *["method", "raw"] * len(_COMPARED)]
-    rows = [
+def make_group_table(group: Group) -> Table:
+    """Make the paper's Tables 2-5: a row a method and subset of the frames."""
+    rows: list[list[str | Cell]] = [
         [
-            _method_name(row.method, [group]),
+            _method_cell(row.method, [group]),
             row.subset,
             str(row.walks),
             format_share(row.fused),
-            *_compared_cells(row.fused, row.raw),
+            *compare_summaries(row.fused, row.raw),
         ]
         for row in group.rows
     ]
-    return _compared_table(head, rows, text_columns=2)
+    return _compared_table(["method", "frames", "runs", "share"], rows, text_columns=2)
 
 
-def _walks_table(group: Group) -> str:
-    """A row a walk, odometry and method, over all frames that have a pose."""
-    head = ["walk", "VIO", "method", "frames", "share"]
-    head += [*["method", "raw"] * len(_COMPARED), *(status.label for status in _STATUS_KEY)]
+def make_walks_table(group: Group) -> Table:
+    """Make a row a walk, odometry and method, over all frames that have a pose."""
     cases = list(dict.fromkeys(id(result.case) for result in group.results))
-    by_case = sorted(group.results, key=lambda result: cases.index(id(result.case)))
-    rows = [_walk_cells(result, group) for result in by_case]
-    return _compared_table(head, rows, text_columns=3, extra="share by status, %")
+    rows = []
+    for result in sorted(group.results, key=lambda result: cases.index(id(result.case))):
+        has_pose = ~result.has_status(Status.UNLOCALIZED)
+        fused = summarize(result.errors, has_pose)
+        count = len(result.status)
+        cells: list[str | Cell] = [result.case.walk, result.case.vio]
+        cells += [_method_cell(result.method, [group]), str(count), format_share(fused)]
+        cells += compare_summaries(fused, summarize(result.raw_errors, has_pose))
+        for status in _STATUS_KEY:
+            share = result.has_status(status).sum() / count if count else float("nan")
+            cells.append(format_number(100 * share, 1))
+        rows.append(cells)
+    head = ["walk", "VIO", "method", "frames", "share"]
+    labels = [status.label for status in _STATUS_KEY]
+    return _compared_table(head, rows, text_columns=3, statuses=labels)
 
 
-def _walk_cells(result: Result, group: Group) -> list[str]:
-    has_pose = ~result.has_status(Status.UNLOCALIZED)
-    fused = summarize(result.errors, has_pose)
-    raw = summarize(result.raw_errors, has_pose)
-    count = len(result.status)
-    shares = (
-        format_number(100 * result.has_status(status).sum() / count if count else float("nan"), 1)
-        for status in _STATUS_KEY
-    )
-    names = [
-        escape(result.case.walk),
-        escape(result.case.vio),
-        _method_name(result.method, [group]),
-    ]
-    return [*names, str(count), format_share(fused), *_compared_cells(fused, raw), *shares]
-
-
-def _compared_cells(fused: Summary, raw: Summary) -> list[str]:
-    return [
-        cell
-        for _, text_of, is_better in _COMPARED
-        for cell in _compare(text_of, fused, raw, is_better)
-    ]
-
-
-def _compared_table(
-    head: list[str], rows: list[list[str]], *, text_columns: int, extra: str = ""
-) -> str:
-    """A table whose columns come in pairs of method and raw, under a heading each."""
-    before = head.index("method", text_columns)
-    after = len(head) - before - 2 * len(_COMPARED)
-    names = [""] * before + [title for title, _, _ in _COMPARED] + [extra] * bool(after)
-    spans = [1] * before + [2] * len(_COMPARED) + [after] * bool(after)
-    starts = [before + 2 * index for index in range(len(_COMPARED) + bool(after))]
-    return make_table([names, head], rows, text_columns=text_columns, spans=spans, starts=starts)
-
-
-def _compare(
-    text_of: Callable[[Summary], str],
-    fused: Summary,
-    raw: Summary,
-    is_better: Callable[[float, float], bool],
-) -> tuple[str, str]:
-    """Two summaries' figures as HTML, each number bold where it is better than its counterpart.
+def compare_summaries(fused: Summary, raw: Summary) -> list[Cell]:
+    """Make cells of a method and of raw in turns, each number bold where it is the better one.
 
     Numbers are compared as printed: what looks equal is not called better.
     """
-    own, other = text_of(fused).split("/"), text_of(raw).split("/")
-    if len(own) != len(other) or UNKNOWN in [part.strip() for part in own + other]:
-        return "/".join(own), "/".join(other)
+    cells = []
+    for _, text_of, is_better in _COMPARED:
+        own, other = text_of(fused).split("/"), text_of(raw).split("/")
+        is_known = len(own) == len(other) and UNKNOWN not in map(str.strip, own + other)
+        for ours, theirs in ((own, other), (other, own)):
+            if is_known:
+                pairs = zip(ours, theirs, strict=True)
+                cells.append(Cell(tuple((a, is_better(float(a), float(b))) for a, b in pairs)))
+            else:
+                cells.append(Cell(tuple((part, False) for part in ours)))
+    return cells
 
-    def mark(parts: list[str], others: list[str]) -> str:
-        pairs = zip(parts, others, strict=True)
-        return "/".join(f"<b>{a}</b>" if is_better(float(a), float(b)) else a for a, b in pairs)
 
-    return mark(own, other), mark(other, own)
+def _compared_table(
+    head: list[str],
+    rows: list[list[str | Cell]],
+    *,
+    text_columns: int,
+    statuses: Sequence[str] = (),
+) -> Table:
+    """A table whose columns come in pairs of method and raw, under a heading each.
 
-
-def _figure(figure: FigureFiles) -> str:
-    return embed_figure(
-        figure.png, figure.svg, f"{figure.kind}: {figure.group.title}", figure.caption
-    )
+    Shares of the frames by status may follow them.
+    """
+    names = [Heading("") for _ in head] + [Heading(title, 2) for title, _, _ in _COMPARED]
+    starts = [len(head) + 2 * index for index in range(len(_COMPARED))]
+    if statuses:
+        names.append(Heading("share by status, %", len(statuses)))
+        starts.append(len(head) + 2 * len(_COMPARED))
+    columns = [*head, *["method", "raw"] * len(_COMPARED), *statuses]
+    heads = [names, [Heading(text) for text in columns]]
+    return Table(heads, rows, text_columns=text_columns, starts=starts)
 
 
 def _methods(groups: Sequence[Group]) -> list[str]:
     return list(dict.fromkeys(result.method for group in groups for result in group.results))
 
 
-def _method_name(method: str, groups: Sequence[Group]) -> str:
+def _method_cell(method: str, groups: Sequence[Group]) -> Cell:
     """A method's name after a dot of its colour in the figures."""
     color = method_colors(["apr", *_methods(groups)])[method]
-    return f'<span class="dot" style="background:{color}"></span>{escape(method)}'
+    return Cell(((method, False),), color=color)

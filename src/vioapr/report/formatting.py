@@ -6,6 +6,8 @@ import math
 
 from vioapr.evaluation.metrics import Summary
 from vioapr.evaluation.tables import Group
+from vioapr.fusion.fused_walk import FusedWalk
+from vioapr.fusion.types import Status
 
 UNKNOWN = "–"
 """Stands for a figure over no frames."""
@@ -42,8 +44,15 @@ def format_walks(group: Group) -> str:
     return text if walks == group.cases else f"{text} ({group.cases} with every draw of odometry)"
 
 
+def format_statuses(fused: FusedWalk) -> str:
+    """How many frames a walk has, and how many of each status."""
+    counts = {status.label: int((fused.status == status).sum()) for status in Status}
+    parts = [f"{count} {label}" for label, count in counts.items() if count]
+    return f"{len(fused)} frames: {', '.join(parts)}"
+
+
 def format_number(value: float, digits: int = 2) -> str:
-    """A number with so many digits after the point, or a dash where it is unknown."""
+    """A number with `digits` digits after the point, or a dash where it is unknown."""
     return f"{value:.{digits}f}" if math.isfinite(value) else UNKNOWN
 
 

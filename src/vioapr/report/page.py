@@ -1,106 +1,118 @@
-"""Parts of a page that needs no other file: the frame, tables and figures."""
+"""Pages that need no other file: their data, and the templates that make HTML of it."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
-from vioapr.report.style import CSS
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
-def make_page(title: str, links: Iterable[tuple[str, str]], sections: Iterable[str]) -> str:
-    """A whole page.
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """What every page has; each template adds its own.
 
-    Args:
-        title: Its heading.
-        links: For the contents: anchors and what to call them.
-        sections: HTML, in which the anchors are.
+    Attributes:
+        title: The heading.
+        contents: Anchors of the sections, and what to call them.
     """
-    contents = "\n".join(f'<li><a href="#{name}">{escape(text)}</a></li>' for name, text in links)
-    body = "\n".join(sections)
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title)}</title>
-<style>{CSS}</style>
-</head>
-<body>
-<div class="layout">
-<nav aria-label="Contents"><ol>
-{contents}
-</ol></nav>
-<main>
-<h1>{escape(title)}</h1>
-{body}
-</main>
-</div>
-</body>
-</html>
-"""
+
+    title: str
+    contents: Sequence[tuple[str, str]]
 
 
-def make_table(
-    heads: list[list[str]],
-    rows: list[list[str]],
-    *,
-    text_columns: int,
-    spans: list[int] | None = None,
-    starts: Iterable[int] = (),
-) -> str:
+class Cell(NamedTuple):
+    """A cell of a table that is more than plain text.
+
+    Attributes:
+        parts: Texts between slashes, each with whether it is bold.
+        color: Of a dot in front, in CSS, or None.
+        link: Where it leads, or None.
+    """
+
+    parts: tuple[tuple[str, bool], ...]
+    color: str | None = None
+    link: str | None = None
+
+
+class Heading(NamedTuple):
+    """A column's heading, or that of several."""
+
+    text: str | Cell
+    span: int = 1
+
+
+@dataclass(frozen=True)
+class Table:
     """A table that scrolls sideways where it is wider than the page.
 
-    Args:
-        heads: Rows of headings; all but the last span columns as `spans` says.
-        rows: Cells, already escaped.
-        text_columns: So many columns from the left are text, the others figures.
-        spans: Columns that each heading of the rows above the last spans.
+    Attributes:
+        heads: Rows of headings.
+        rows: Cells.
+        text_columns: This many columns from the left are text, the others figures.
         starts: Columns that begin with a line.
     """
-    lines = set(starts)
 
-    def cell(tag: str, content: str, column: int, span: int = 1) -> str:
-        names = ["text"] * (column < text_columns) + ["left"] * (column in lines)
-        style = f' class="{" ".join(names)}"' if names else ""
-        wide = f' colspan="{span}"' if span > 1 else ""
-        return f"<{tag}{style}{wide}>{content}</{tag}>"
-
-    def line(tag: str, cells: list[str], widths: Sequence[int]) -> str:
-        columns = [sum(widths[:index]) for index in range(len(cells))]
-        parts = (cell(tag, *each) for each in zip(cells, columns, widths, strict=True))
-        return f"<tr>{''.join(parts)}</tr>"
-
-    ones = [1] * len(heads[-1])
-    head = "".join(line("th", h, ones if h is heads[-1] else spans or ones) for h in heads)
-    body = "\n".join(line("td", row, ones) for row in rows)
-    return (
-        f'<div class="scroll" tabindex="0"><table><thead>{head}</thead>\n'
-        f"<tbody>{body}</tbody></table></div>"
-    )
+    heads: Sequence[Sequence[Heading]]
+    rows: Sequence[Sequence[str | Cell]]
+    text_columns: int
+    starts: Sequence[int] = ()
 
 
-def embed_figure(png: Path, svg: Path, name: str, caption: str) -> str:
-    """A picture in the page itself, whichever file of the two is smaller.
+class Figure(NamedTuple):
+    """A picture in the page itself, with links to its files.
+
+    Attributes:
+        source: The picture as a data URL.
+        name: What it shows, in a few words.
+        caption: What it shows, at length.
+        png: The file, relative to the page.
+        svg: The file, relative to the page.
+    """
+
+    source: str
+    name: str
+    caption: str
+    png: str
+    svg: str
+
+
+def embed_figure(png: Path, svg: Path, name: str, caption: str) -> Figure:
+    """Read a figure's files and embed the smaller one.
 
     Args:
-        png: The figure, in the folder `figures` beside the page.
-        svg: Likewise.
+        png: In the folder `figures` beside the page.
+        svg: In the same folder.
         name: What it shows, in a few words.
-        caption: What it shows, at length; not yet escaped.
+        caption: What it shows, at length.
     """
-    content, kind = min(
-        ((png.read_bytes(), "png"), (svg.read_bytes(), "svg+xml")),
-        key=lambda each: len(each[0]),
-    )
+    kind_of = {png.read_bytes(): "png", svg.read_bytes(): "svg+xml"}
+    content = min(kind_of, key=len)
     data = base64.b64encode(content).decode("ascii")
-    image = f'<img src="data:image/{kind};base64,{data}" alt="{escape(name)}">'
-    links = ", ".join(
-        f'<a href="figures/{path.name}">{path.suffix[1:].upper()}</a>' for path in (png, svg)
+    source = f"data:image/{kind_of[content]};base64,{data}"
+    return Figure(source, name, caption, f"figures/{png.name}", f"figures/{svg.name}")
+
+
+def render_page(template: str, page: Page) -> str:
+    """Make HTML of a page's data; all texts are escaped.
+
+    Args:
+        template: Name of a file in `templates/`, which says what it needs of the page.
+        page: Its data, as the variable `page`.
+    """
+    return _environment().get_template(template).render(page=page)
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("vioapr.report"),
+        autoescape=True,
+        undefined=StrictUndefined,  # what a template misses is a bug, not an empty place
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    return f"""<figure>
-<div class="scroll" tabindex="0">{image}</div>
-<figcaption>{escape(caption)} Files: {links}.</figcaption>
-</figure>"""

@@ -1,4 +1,4 @@
-"""How figures and the report look: colours, what is drawn of long lines, and the page's CSS.
+"""How figures look and how they are saved: colours, limits, what is drawn of long lines.
 
 Matplotlib is imported where a figure is made, not with this module: it takes a second, which
 commands that draw nothing should not wait for.
@@ -11,10 +11,13 @@ import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from itertools import cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vioapr.files.text import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -127,6 +130,25 @@ def render(figure: Figure) -> tuple[bytes, bytes]:
     return png.getvalue(), svg.getvalue()
 
 
+def save_figure(figure: Figure, path: Path) -> tuple[Path, Path]:
+    """Write a figure as PNG and SVG.
+
+    Args:
+        figure: See `new_figure`.
+        path: Without an ending; its folder is made if needed.
+
+    Returns:
+        The paths of the two files.
+
+    Raises:
+        UnwritableError: A file cannot be written.
+    """
+    png, svg = (path.with_name(f"{path.name}.{ending}") for ending in ("png", "svg"))
+    for file, content in zip((png, svg), render(figure), strict=True):
+        write_bytes(file, content)
+    return png, svg
+
+
 def thin(values: Array1, limit: int = MAX_POINTS) -> NDArray[np.intp]:
     """Rows that show a long line's course: the lowest and the highest value of each stretch.
 
@@ -165,69 +187,3 @@ def log_limits(errors: Sequence[Array1], upper_percentile: float = 100) -> tuple
     if upper_percentile == 100:
         high *= 1.3  # markers stay clear of the edge
     return float(np.clip(low / 1.3, high / 1e4, high / 10)), float(high)
-
-
-CSS = """
-:root { color-scheme: light dark; --text: #1c2024; --soft: #5c6670; --page: #ffffff;
-  --panel: #f5f7f9; --line: #d8dee4; --link: #0059b3; }
-@media (prefers-color-scheme: dark) { :root { --text: #e6e9ec; --soft: #9aa4ae; --page: #15181b;
-  --panel: #1f2428; --line: #363d44; --link: #7db8ff; } }
-* { box-sizing: border-box; }
-html { scroll-behavior: smooth; }
-body { margin: 0; background: var(--page); color: var(--text);
-  font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-a { color: var(--link); text-decoration: none; }
-a:hover { text-decoration: underline; }
-.layout { display: grid; grid-template-columns: 14rem minmax(0, 1fr); max-width: 88rem;
-  margin: 0 auto; }
-nav { position: sticky; top: 0; align-self: start; max-height: 100vh; overflow-y: auto;
-  padding: 1.5rem 1rem; border-right: 1px solid var(--line); font-size: 0.875rem; }
-nav ol { list-style: none; margin: 0; padding: 0; }
-nav li { margin: 0.35rem 0; overflow-wrap: anywhere; }
-main { padding: 1.5rem 2rem 4rem; min-width: 0; }
-h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 0.5rem; overflow-wrap: anywhere; }
-h2 { font-size: 1.3rem; margin: 3rem 0 0.5rem; padding-top: 1rem;
-  border-top: 1px solid var(--line); overflow-wrap: anywhere; }
-h3 { font-size: 1.05rem; margin: 1.5rem 0 0.5rem; }
-h2, h3 { scroll-margin-top: 1rem; line-height: 1.3; }
-p, dl, ul { max-width: 48rem; }
-.note { color: var(--soft); font-size: 0.9rem; }
-dl { display: grid; grid-template-columns: max-content minmax(0, 1fr); gap: 0.25rem 1.25rem; }
-dt { font-weight: 600; max-width: 12rem; }
-dd { margin: 0; overflow-wrap: anywhere; }
-pre { background: var(--panel); padding: 0.75rem 1rem; border-radius: 6px; overflow-x: auto; }
-code { font: 0.9em/1.4 ui-monospace, SFMono-Regular, Menlo, monospace; }
-.scroll { overflow-x: auto; margin: 0.75rem 0; border: 1px solid var(--line);
-  border-radius: 6px; }
-table { border-collapse: collapse; width: 100%; font-size: 0.8125rem;
-  font-variant-numeric: tabular-nums; }
-th, td { padding: 0.35rem 0.55rem; text-align: right; white-space: nowrap; }
-th { background: var(--panel); font-weight: 600; vertical-align: bottom; }
-th[colspan] { text-align: center; }
-th.text, td.text { text-align: left; }
-td.text { white-space: normal; min-width: 6.5rem; }
-.words td:not(:first-child) { white-space: normal; min-width: 14rem; }
-thead tr:last-child th { border-bottom: 1px solid var(--line); }
-tbody tr:nth-child(even) { background: color-mix(in srgb, var(--panel) 55%, transparent); }
-.left { border-left: 1px solid var(--line); }
-.dot { display: inline-block; width: 0.7em; height: 0.7em; border-radius: 50%;
-  margin-right: 0.45em; }
-figure { margin: 1.5rem 0; }
-figure .scroll { max-width: 62rem; margin: 0; background: #ffffff; }
-figure img { display: block; width: 100%; height: auto; padding: 0.5rem; }
-figcaption { max-width: 62rem; color: var(--soft); font-size: 0.9rem; margin-top: 0.4rem; }
-details { margin: 1rem 0; }
-summary { cursor: pointer; color: var(--link); }
-@media (max-width: 56rem) {
-  .layout { display: block; }
-  nav { z-index: 1; max-height: none; padding: 0.5rem 1rem; background: var(--page);
-    border-right: 0; border-bottom: 1px solid var(--line); overflow-x: auto; }
-  nav ol { display: flex; gap: 1.2rem; white-space: nowrap; }
-  nav li { margin: 0; overflow-wrap: normal; }
-  main { padding: 1rem 1rem 3rem; }
-  h2, h3 { scroll-margin-top: 3rem; }
-  figure img { padding: 0; min-width: 38rem; }
-}
-@media print { nav { display: none; } .layout { display: block; } }
-"""
-"""The page's style: no font, image or script from elsewhere."""

@@ -8,7 +8,7 @@ over. A document is a record with a file of its own: it says its format and vers
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, TypeVar
 
 import msgspec
@@ -104,8 +104,8 @@ def check_version(where: object, value: object, kind: type[Document]) -> None:
         )
 
 
-def encode(record: Record, indent: int | None = 2) -> str:
-    """Write a record as JSON; NaN becomes null, a document says what it is.
+def encode(record: Record | Sequence[Record], indent: int | None = 2) -> str:
+    """Write a record, or several, as JSON; NaN becomes null, a document says what it is.
 
     Args:
         record: What to write.

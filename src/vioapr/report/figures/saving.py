@@ -10,13 +10,12 @@ from typing import Any
 
 from vioapr.evaluation.evaluate import Result
 from vioapr.evaluation.tables import Group
-from vioapr.files.text import write_bytes
 from vioapr.report.figures.distribution import distribution_figure
 from vioapr.report.figures.drift import drift_figure
 from vioapr.report.figures.selection import finite_median, representative_case, results_of
 from vioapr.report.figures.trajectories import MAX_METHODS, trajectory_figure
 from vioapr.report.formatting import format_error, format_walks
-from vioapr.report.style import render
+from vioapr.report.style import save_figure
 
 
 @dataclass(frozen=True)
@@ -70,10 +69,8 @@ def save_figures(
     for group, stem in zip(groups, _file_stems(groups), strict=True):
         results = results_of(group, representative_case(group))
         for kind, draw in FIGURES.items():
-            png, svg = (folder / "figures" / f"{stem}_{kind}.{end}" for end in ("png", "svg"))
-            contents = render(draw(group.results if kind == "distribution" else results))
-            for path, content in zip((png, svg), contents, strict=True):
-                write_bytes(path, content)
+            figure = draw(group.results if kind == "distribution" else results)
+            png, svg = save_figure(figure, folder / "figures" / f"{stem}_{kind}")
             saved.append(FigureFiles(group, kind, png, svg, caption(group, kind)))
             if tick is not None:
                 tick()

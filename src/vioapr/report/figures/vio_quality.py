@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -150,3 +150,10 @@ def _label(name: str, members: list[VioQuality]) -> str:
     diverging = len(members) - len(steady(members))
     walks = f"{len(members)} walk{'s' if len(members) != 1 else ''}"
     return f"{name}, {walks}" + (f", {diverging} diverging (dotted)" if diverging else "")
+
+
+VIO_FIGURES: dict[str, Callable[[list[VioQuality]], Figure]] = {
+    "vio_errdis": vio_distribution_figure,
+    "vio_drift": vio_drift_figure,
+}
+"""The figures of a tracker's quality, by the names of their files."""
