@@ -19,6 +19,7 @@ from vioapr.formats.readings import (
 from vioapr.formats.registry import FORMATS
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
+from vioapr.simulation.handheld import looking
 from vioapr.trajectory import Trajectory
 
 
@@ -31,15 +32,7 @@ def make_walk(count=600, rate_hz=10.0, seed=3, world_yaw=0.0, phase=0.0):
     velocity = np.stack([np.cos(yaw) * speed, np.sin(yaw) * speed, 0.7 * np.sin(0.4 * time)], 1)
     positions = np.cumsum(velocity / rate_hz, axis=0) + rng.normal(scale=1e-4, size=(count, 3))
     pitch, roll = 0.12 * np.sin(1.1 * time), 0.06 * np.sin(2.3 * time)
-
-    def turn(axis, angle):
-        return quaternion.from_rotvec(np.eye(3)[axis] * angle[:, None])
-
-    # Forward, left, up from the camera's right, down, forward.
-    body_from_cam = quaternion.from_matrix(np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]))
-    quats = turn(2, yaw)
-    for part in (turn(1, pitch), turn(0, roll), np.broadcast_to(body_from_cam, (count, 4))):
-        quats = quaternion.multiply(quats, part)
+    quats = looking(yaw, np.outer(pitch, [0.0, 1.0, 0.0]), np.outer(roll, [1.0, 0.0, 0.0]))
     walk = Trajectory.from_arrays(100 + time, positions, quats)
     heading = Rigid3(np.array([7.0, -3, 1]), quaternion.from_rotvec(np.array([0, 0, world_yaw])))
     return walk.with_transforms(heading @ walk.target_from_source)

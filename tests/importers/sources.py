@@ -6,14 +6,15 @@ import json
 from pathlib import Path
 
 import numpy as np
-from tests.scene.scenes import UPRIGHT_XYZW, jpeg
+from tests.scene.scenes import jpeg
 
 from vioapr.formats import conventions, marvin, record3d, stray, tum
 from vioapr.geometry import quaternion
-from vioapr.geometry.frames import z_up_from_y_up
+from vioapr.geometry.frames import y_up_from_z_up, z_up_from_y_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import ImportedScene, ImportOptions, Walk
 from vioapr.importers.diagnostics import judge
+from vioapr.simulation.handheld import looking
 from vioapr.trajectory import Trajectory
 
 COUNT = 20
@@ -23,13 +24,11 @@ RATE_HZ = 10.0
 def walk(count: int = COUNT) -> Trajectory:
     """A tracker's poses, y up: 1 m/s, up and down a little, turning from side to side."""
     times = np.arange(count) / RATE_HZ
-    positions = np.stack([np.sin(times), 0.2 * np.cos(3 * times), -times], axis=1)
-    turns = quaternion.from_rotvec(
-        np.outer(0.5 * np.sin(2 * times + 0.03 * times**2), [0.0, 1.0, 0.0])
-    )
-    nods = quaternion.from_rotvec(np.outer(0.2 * np.cos(times), [1.0, 0.0, 0.0]))
-    quats = quaternion.multiply(quaternion.multiply(turns, nods), UPRIGHT_XYZW)
-    return Trajectory(times, positions, quats, target="vio")
+    positions = np.stack([np.sin(times), times, 0.2 * np.cos(3 * times)], axis=1)
+    heading = np.pi / 2 + 0.5 * np.sin(2 * times + 0.03 * times**2)
+    pitch = np.outer(-0.2 * np.cos(times), [0.0, 1.0, 0.0])
+    vio_from_cam = y_up_from_z_up(Rigid3(positions, looking(heading, pitch)))
+    return Trajectory(times, *vio_from_cam, target="vio")
 
 
 def map_of(vio: Trajectory) -> Trajectory:

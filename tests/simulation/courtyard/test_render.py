@@ -10,13 +10,14 @@ from vioapr.simulation.courtyard.mesh import box, join, patch
 from vioapr.simulation.courtyard.render import Figure, Renderer, Shot
 from vioapr.simulation.courtyard.weather import OVERCAST, SUNNY
 from vioapr.simulation.courtyard.world import Material, World
+from vioapr.simulation.handheld import looking
 
 pytestmark = pytest.mark.usefixtures("rendering")
 
 SIZE = (160, 120)
 CAMERA = Intrinsics(160, 120, 130.0, 120.0, 83.0, 57.0)
-# Looks along the world's +y, z up.
-LEVEL = Rigid3(np.zeros(3), quaternion.from_rotvec(np.array([-np.pi / 2, 0, 0])))
+# Looks along the world's +y.
+LEVEL = Rigid3(np.zeros(3), looking(np.array(np.pi / 2)))
 
 
 def plain(value, shape=(4, 4)):

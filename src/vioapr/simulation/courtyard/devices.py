@@ -19,7 +19,7 @@ ORIGIN = GeodeticOrigin(48.0, 11.0, 520.0)
 
 
 def measure_imu(rng: np.random.Generator, motion: Motion, duration_s: float) -> Imu:
-    """Accelerometer and gyroscope at 100 Hz in the axes of cam, with bias and noise."""
+    """Measure specific force and angular velocity at 100 Hz in cam, with bias and noise."""
     times = np.arange(int(duration_s * IMU_RATE_HZ) + 1) / IMU_RATE_HZ
     shape = (len(times), 3)
     interval = np.sqrt(1 / IMU_RATE_HZ)
@@ -31,7 +31,7 @@ def measure_imu(rng: np.random.Generator, motion: Motion, duration_s: float) -> 
 
 
 def measure_gnss(rng: np.random.Generator, motion: Motion, duration_s: float) -> Gnss:
-    """Positions once a second, metres off, and seldom the same way for long."""
+    """Measure positions once a second: metres off, by errors that change within some seconds."""
     times = np.arange(0.3, duration_s, 1.0)
     wander = np.stack([smooth_noise(rng, times, 12.0) for _ in range(3)], axis=-1)
     error = wander * [2.2, 2.2, 4.0] + rng.normal(0, 0.3, (len(times), 3))
@@ -42,7 +42,7 @@ def measure_gnss(rng: np.random.Generator, motion: Motion, duration_s: float) ->
 
 
 def measure_heading(rng: np.random.Generator, motion: Motion, duration_s: float) -> Heading:
-    """The compass ten times a second, degrees off because of the iron around."""
+    """Measure headings ten times a second: degrees off because of the iron around."""
     times = np.arange(0.05, duration_s, 0.1)
     view = quaternion.rotate(motion.world_from_cam(times).quat_xyzw, np.array([0.0, 0.0, 1.0]))
     error = rng.normal(0, 4) + 4 * smooth_noise(rng, times, 8.0) + rng.normal(0, 0.4, len(times))

@@ -1,4 +1,4 @@
-"""Meshes on the graphics side: cut into chunks, so that only what is in view is drawn."""
+"""Meshes on the graphics side: cut into chunks, so that only those in view are drawn."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ class Cut:
     """A mesh whose triangles are sorted by the square of ground that they stand on.
 
     Attributes:
-        mesh: The whole of it.
+        mesh: With its triangles sorted.
         runs: For every square its first index and number of indices.
-        low_m: Lower corners of what is in each, (k, 3).
+        low_m: Lower corner of each square's triangles, (k, 3).
         high_m: Upper corners.
     """
 

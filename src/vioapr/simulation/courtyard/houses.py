@@ -58,7 +58,7 @@ def build_all(rng: np.random.Generator, px_per_m: float) -> dict[str, House]:
 
 
 def behind(rng: np.random.Generator) -> Parts:
-    """What is seen above the roofs: a church tower, a higher house, a chimney stack."""
+    """The surroundings above the roofs: a church tower, a higher house, a chimney stack."""
     tower = box((25, 21, 0), (31, 27, 23), faces="sw", cell_m=4)
     clock = lathe([(1.5, 0), (0.0, 0.1)], sides=16, tint=(1.3, 1.25, 1.1))
     spire = lathe([(4.4, 23), (0.3, 33), (0.0, 33)], sides=4, smooth=False, centre_m=(28, 24, 0),

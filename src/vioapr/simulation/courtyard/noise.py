@@ -36,7 +36,7 @@ def fractal(
         stretch: How many times longer its shapes are vertically than horizontally.
     """
     if slope >= _SMOOTH and finest_px <= 4 and min(shape) >= 256:
-        # What is smooth is drawn at a quarter of the size, which is 16 times faster.
+        # Smooth fields are drawn at a quarter of the size, which is 16 times faster.
         small = (-(-shape[0] // 4), -(-shape[1] // 4))
         coarsest = None if coarsest_px is None else coarsest_px / 4
         field = _spectral(rng, small, slope, coarsest, finest_px / 4, stretch)

@@ -27,7 +27,7 @@ class Opening:
         bottom_m: Above the ground, m.
         width_m: Of the hole.
         height_m: Of the hole.
-        kind: What is painted into it.
+        kind: Of the opening, by which it is painted.
         color: Of its frame or leaf.
         depth_m: How far its pane lies behind the wall.
         panes: Columns and rows of glass.

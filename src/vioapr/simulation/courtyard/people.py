@@ -119,7 +119,7 @@ class _Walker(NamedTuple):
 
 
 class Crowd:
-    """Where everybody is at a time."""
+    """The passers-by of a recording, and where they are at a time."""
 
     def __init__(self, rng: np.random.Generator, people: int) -> None:
         """Send people on their ways: two thirds walk, the others stand.
@@ -142,7 +142,7 @@ class Crowd:
             self._walkers.append(_Walker(places, courses, start, speed, rng.uniform(0, 2 * np.pi)))
 
     def at(self, time_s: float, camera_m: NDArray) -> list[Figure]:
-        """Figures to render; who would walk through the camera is left out."""
+        """Figures to render; passers-by too near to the camera are left out."""
         figures = []
         for number, walker in enumerate(self._walkers):
             row = int(walker.start + walker.speed_m_s * time_s / _STEP_M)

@@ -46,7 +46,7 @@ class Photographer:
         self._seed = int(rng.integers(1, 2**31))
 
     def take(self, motion: Motion, time_s: float, figures: Sequence[Figure] = ()) -> bytes:
-        """The next picture, as a JPEG file."""
+        """Take the next picture, as a JPEG file."""
         pixels = self.see(motion, time_s, figures)
         file = io.BytesIO()
         Image.fromarray(pixels).save(file, "JPEG", quality=JPEG_QUALITY)
@@ -55,7 +55,7 @@ class Photographer:
     def see(
         self, motion: Motion, time_s: float, figures: Sequence[Figure] = ()
     ) -> NDArray[np.uint8]:
-        """The next picture, (height, width, 3)."""
+        """Take the next picture, shape (height, width, 3); exposure adapts to it."""
         weather = self._weather
         gain = weather.exposure * self._gain * self._adapted
         turned = motion.angular_velocity_rad_s(time_s) * weather.exposure_time_s

@@ -1,4 +1,4 @@
-"""What is recorded of the courtyard: sizes and rates, routes, weathers, tracker events."""
+"""The plan of the courtyard's recordings: sizes and rates, routes, weathers, tracker events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FOCAL_PER_WIDTH = 0.78
 
 @dataclass(frozen=True)
 class CourtyardParams:
-    """What is recorded, and how."""
+    """The sizes and rates of a simulated scene."""
 
     train: int = 4
     """Recordings to train and map with."""
@@ -78,7 +78,7 @@ PRESETS = {
 
 @dataclass(frozen=True)
 class Plan:
-    """One recording before it is made.
+    """The plan of one recording.
 
     Attributes:
         id_: Its name.
@@ -111,7 +111,7 @@ _TEST = (
 
 
 def plan_recordings(params: CourtyardParams) -> list[Plan]:
-    """Routes and weathers in turn; the second recording loses track, the third jumps.
+    """Plan recordings by routes and weathers in turn; the second loses track, the third jumps.
 
     Of a single recording both happen to that one. Once all routes have been walked, they are
     walked the other way round, in other weathers.
@@ -140,6 +140,6 @@ def _in_turn(table: tuple[tuple[str, bool, str], ...], i: int) -> tuple[str, boo
 
 
 def plan_motion(plan: Plan, params: CourtyardParams, seed: int) -> Motion:
-    """How the camera moves in a recording."""
+    """The camera's motion in a recording."""
     rng = np.random.default_rng([seed, 2, plan.number])
     return walk(rng, plan.route, params.duration_s, backwards=plan.backwards)

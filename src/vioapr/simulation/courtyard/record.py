@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +20,7 @@ from vioapr.simulation.courtyard.render import Renderer, Shot
 from vioapr.simulation.courtyard.weather import WEATHERS
 from vioapr.simulation.trackers import TrackerErrors, track_frames
 from vioapr.trajectory import Trajectory
+from vioapr.work.progress import Tick, ignore
 
 TRACKER = TrackerErrors(tilt_error_deg=0.1)
 """How the phone's tracker errs."""
@@ -37,17 +36,21 @@ def record(
     plan: Plan,
     params: CourtyardParams,
     seed: int,
-    tick: Callable[[], object] = lambda: None,
+    tick: Tick = ignore,
 ) -> None:
     """Write one recording, with its ground truth, into a scene.
 
     Args:
-        scene: Where.
+        scene: The scene; its folder exists.
         renderer: Has the place loaded, and as many people as the recording has.
-        plan: What.
-        params: How.
+        plan: Which recording.
+        params: Its length, rate and camera.
         seed: As of `simulate`.
-        tick: Called after every frame.
+        tick: Called once a frame.
+
+    Raises:
+        AlreadyExistsError: There is such a recording already.
+        UnwritableError: It cannot be written.
     """
     rng = np.random.default_rng([seed, 3, plan.number])
     motion = plan_motion(plan, params, seed)

@@ -34,7 +34,7 @@ from vioapr.simulation.courtyard.world import World
 SHADOW_PX = 1280
 """Side of the map of shadows: 4 cm a pixel, so that edges are as soft as the sun's are."""
 FIGURE_MATERIAL = "cloth"
-"""What people are made of."""
+"""The material of people."""
 _FIGURE_REACH_M = 2.5
 _BLUR_PX = 0.7
 """Least movement of the picture while the shutter is open that is worth blurring."""
@@ -42,7 +42,7 @@ _BLUR_PX = 0.7
 
 @dataclass(frozen=True)
 class Shot:
-    """How the camera took one picture.
+    """The settings of one picture.
 
     Attributes:
         gain: Exposure times white balance, a factor for each of red, green and blue.
@@ -240,7 +240,7 @@ class Renderer:
         gl.depth_func = "<"
 
     def _develop(self, camera: Intrinsics, shot: Shot) -> NDArray[np.uint8]:
-        """What lens and sensor make of the light."""
+        """Develop the raw picture as lens and sensor would: blur, exposure, vignetting, noise."""
         moved_px = np.linalg.norm(shot.turned_rad) * float(np.asarray(camera.fx))
         fine = ["OVERSAMPLED"] if self._is_oversampled else []
         program = self._program("CAMERA", *(["BLUR"] if moved_px > _BLUR_PX else fine))
@@ -275,7 +275,7 @@ class Renderer:
         return Drawable(self.context, mesh, self._world.materials[name], self._textures[name])
 
     def _scene_program(self, drawable: Drawable) -> Any:
-        """The least that a drawable needs in this weather."""
+        """The program with the fewest features that draws a drawable in this weather."""
         features = []
         if drawable.is_cutout:
             features.append("CUTOUT")

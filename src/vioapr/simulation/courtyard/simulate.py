@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -17,6 +17,7 @@ from vioapr.simulation.courtyard import devices, world
 from vioapr.simulation.courtyard.context import create_context
 from vioapr.simulation.courtyard.plan import CourtyardParams, Plan, plan_recordings
 from vioapr.simulation.courtyard.record import make_renderer, record
+from vioapr.work.progress import Tick, ignore
 
 
 def simulate(
@@ -25,7 +26,7 @@ def simulate(
     seed: int = 0,
     *,
     workers: int | None = None,
-    tick: Callable[[], object] | None = None,
+    tick: Tick = ignore,
 ) -> Scene:
     """Render the courtyard's recordings and write them as a scene.
 
@@ -34,7 +35,7 @@ def simulate(
 
     Args:
         folder: The scene's folder; made if needed.
-        params: What is recorded.
+        params: Sizes, rates and numbers of recordings; None for the whole scene.
         seed: Of everything random.
         workers: Processes that render, a recording each at a time; None for one a core.
         tick: Called about once a frame, for progress; `params.frames` times a recording.
@@ -50,13 +51,13 @@ def simulate(
         raise ParameterError(f"seed: expected a number of at least 0, got {seed}")
     if workers is not None and workers < 1:
         raise ParameterError(f"workers: expected at least 1, got {workers}")
-    create_context().release()  # what is missing shows before anything is written
+    create_context().release()  # fails before anything is written
     plans = plan_recordings(params)
     scene = Scene.create(
         folder, "Simulated courtyard", is_outdoor=True, world=World(origin=devices.ORIGIN)
     )
     place = world.build(seed, params.texture_px_per_m)
-    for plan in _record_all(scene, place, plans, params, seed, workers, tick or (lambda: None)):
+    for plan in _record_all(scene, place, plans, params, seed, workers, tick):
         scene = scene.with_recording(plan.id_, plan.split)
     scene.save()
     return scene
@@ -69,7 +70,7 @@ def _record_all(
     params: CourtyardParams,
     seed: int,
     workers: int | None,
-    tick: Callable[[], object],
+    tick: Tick,
 ) -> Iterator[Plan]:
     """Record all plans, here or in processes of their own; yields those that are done."""
     count = min(workers or os.cpu_count() or 1, len(plans))
@@ -102,7 +103,7 @@ def _problem_of(future: Future[str | None]) -> str | None:
     try:
         return future.result()
     except BrokenProcessPool:
-        return "a process that renders was killed (out of memory?): try fewer --workers"
+        return "a process that renders was killed (out of memory?): try fewer workers"
 
 
 @contextmanager
