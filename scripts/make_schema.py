@@ -46,31 +46,45 @@ def subclasses(kind: type[Record]) -> Iterator[type[Record]]:
         yield from subclasses(child)
 
 
+def records_in(kind: type[Record]) -> set[type[Record]]:
+    """The record itself, and those that it holds."""
+    found: set[type[Record]] = set()
+    left: list[Any] = [msgspec.inspect.type_info(kind)]
+    while left:
+        node = left.pop()
+        if isinstance(node, tuple):
+            left += node
+        elif isinstance(node, msgspec.inspect.Type | msgspec.inspect.Field):
+            if isinstance(node, msgspec.inspect.StructType):
+                if node.cls in found:
+                    continue
+                found.add(node.cls)
+            left += [getattr(node, name) for name in node.__struct_fields__]
+    return found
+
+
 def make_texts() -> dict[str, str]:
     """The content of every file, by its name."""
-    texts = {}
     records = all_records()
-    _, components = components_of(records)
-    held = {
-        name.rpartition("/")[2]
-        for schema in components.values()
-        for name in re.findall(r'"\$ref": "([^"]*)"', json.dumps(schema))
-    }
+    # Records in records, and those that others extend, are no files of their own.
+    inner = {part for kind in records for part in records_in(kind) - {kind}}
+    inner |= {base for kind in records for base in kind.__bases__}
+    texts = {}
     for kind in records:
-        if issubclass(kind, Document) or kind.__name__ not in held:
-            name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", kind.__name__).lower()
-            text = json.dumps(schema_of(kind, f"{name}.schema.json"), indent=2, ensure_ascii=False)
-            texts[f"{name}.schema.json"] = text + "\n"
+        if issubclass(kind, Document) or kind not in inner:
+            name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", kind.__name__).lower() + ".schema.json"
+            schema = schema_of(kind, name)
+            texts[name] = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
     return texts
 
 
 def schema_of(kind: type[Record], name: str) -> Schema:
     """The schema of a file that holds one record."""
-    _, components = components_of([kind])
-    by_name = {record.__name__: record for record in all_records()}
-    for component, schema in components.items():
-        if component in by_name:
-            describe(schema, by_name[component])
+    _, components = msgspec.json.schema_components(
+        [kind], ref_template="#/$defs/{name}", schema_hook=schema_of_array
+    )
+    for record in records_in(kind):
+        describe(components[record.__name__], record)
     root = components.pop(kind.__name__)
     if issubclass(kind, Document):
         version = {
@@ -85,13 +99,6 @@ def schema_of(kind: type[Record], name: str) -> Schema:
         root["required"] = [*head, *root.get("required", [])]
     schema = {"$schema": DIALECT, "$id": name, **root}
     return schema | ({"$defs": components} if components else {})
-
-
-def components_of(kinds: list[type[Record]]) -> tuple[Any, dict[str, Schema]]:
-    """The schemas of records and of those in them, by class name."""
-    return msgspec.json.schema_components(
-        kinds, ref_template="#/$defs/{name}", schema_hook=schema_of_array
-    )
 
 
 def schema_of_array(kind: type) -> Schema:
