@@ -166,6 +166,12 @@ def alone():
     torch.distributed.destroy_process_group()
 
 
+def test_pytorchs_own_shared_norm_is_not_for_cpus(alone):
+    """If this fails, PyTorch's serves: SharedBatchNorm can go."""
+    with pytest.raises(ValueError, match="expected input tensor to be on GPU"):
+        nn.SyncBatchNorm(5)(torch.zeros(6, 5, 4, 3))
+
+
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 def test_shared_norm_is_pytorchs_in_mixed_precision_too(alone, dtype):
     torch.manual_seed(0)

@@ -8,9 +8,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from vioapr.errors import ParameterError
+from vioapr.schemas.regressor import Settings
 
 Precision = Literal["auto", "fp32", "bf16"]
 Schedule = Literal["constant", "cosine", "step"]
@@ -206,6 +207,6 @@ class TrainingParams:
             return self.lr * (0.1 + 0.9 * part / _WARM_UP)
         return self.lr * 0.5 * (1 + math.cos(math.pi * (part - _WARM_UP) / (1 - _WARM_UP)))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Settings:
         """The parameters as plain values."""
         return dataclasses.asdict(self)

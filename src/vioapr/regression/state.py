@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from torch import Tensor
 from torch.optim import Optimizer
@@ -22,6 +22,9 @@ from vioapr.regression.run import Run
 from vioapr.schemas.base import to_plain
 from vioapr.schemas.regressor import STATE_FILE, EpochRecord, RunIdentity, StateHeader
 from vioapr.work.steps import describe_changes
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
 
 TENSORBOARD_FOLDER = "tensorboard"
 
@@ -41,7 +44,7 @@ class Journal:
     """
 
     epochs: list[EpochRecord] = field(default_factory=list)
-    _writer: Any = None
+    _writer: SummaryWriter | None = None
 
     def add(self, record: EpochRecord) -> None:
         """Enter an epoch that has ended."""
