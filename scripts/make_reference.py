@@ -13,7 +13,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
@@ -41,6 +41,9 @@ def api_page() -> str:
 
 def describe(name: str, thing: object) -> str:
     """One name's section."""
+    if isinstance(thing, Mapping):  # of the fusion methods: a repr would show addresses
+        entries = [f"- `{key}`: {getattr(value, 'summary', value)}" for key, value in thing.items()]
+        return f"## {name}\n\n" + "\n".join(entries) + "\n"
     if not (inspect.isclass(thing) or inspect.isroutine(thing)):
         return f"## {name}\n\n`{thing!r}`\n"
     lines = [f"## {name}\n"]
