@@ -15,14 +15,19 @@ from vioapr.fusion.mapnet_pgo import (
     init,
     linearize,
     optimize,
-    perturb,
     step,
 )
 from vioapr.fusion.offline import run_steps
 from vioapr.fusion.types import FrameInput, Status
+from vioapr.geometry.pose_graph import perturb, to_dense
 from vioapr.geometry.rigid import Rigid3, angle_deg, distance_m
 
 PARAMS = MapnetPgoParams()
+
+
+def dense(params, window):
+    """All residuals and their derivatives."""
+    return to_dense(linearize(params, window), window.world_from_cam.batch_shape[-1])
 
 
 def random_poses(rng, shape, scale_m=2.0):
@@ -72,14 +77,14 @@ class TestLinearize:
     def test_jacobian_is_the_derivative_of_the_residuals(self, length):
         rng = np.random.default_rng(length)
         window = random_window(rng, size=4, length=length)
-        _, jacobian = linearize(PARAMS, window)
+        _, jacobian = dense(PARAMS, window)
         step_size = 1e-6
         valid = slice(0, 6 * length)
         for column in range(6 * length):
             tangent = np.zeros(24)
             tangent[column] = step_size
             plus, minus = (
-                linearize(
+                dense(
                     PARAMS,
                     window._replace(
                         world_from_cam=perturb(window.world_from_cam, s * tangent.reshape(4, 6))
@@ -98,7 +103,7 @@ class TestLinearize:
             truth = random_poses(rng, (1,))
             axis = np.array([[0.0, 0, 0, 0.6, 0, 0.8]])
             window = Window(perturb(truth, angle * axis), truth, truth, np.array(1.0))
-            jacobian = linearize(PARAMS, window)[1] * np.deg2rad(PARAMS.prior_sigma_deg)
+            jacobian = dense(PARAMS, window)[1] * np.deg2rad(PARAMS.prior_sigma_deg)
             # Turning further about the same axis changes the rotation vector one to one.
             np.testing.assert_allclose(jacobian[3:, 3:] @ axis[0, 3:], axis[0, 3:], atol=1e-9)
 
@@ -106,7 +111,7 @@ class TestLinearize:
         identity = Rigid3.identity((2,))
         apr = identity._replace(translation_m=np.array([[3.0, 0, 0], [0, 0, 0]]))
         vio = identity._replace(translation_m=np.array([[0.0, 0.06, 0], [0, 0, 0]]))
-        residuals, _ = linearize(PARAMS, Window(identity, apr, vio, np.array(2.0)))
+        residuals, _ = dense(PARAMS, Window(identity, apr, vio, np.array(2.0)))
         assert residuals[0] == pytest.approx(-3.0)  # 3 m against a sigma of 1 m
         assert residuals[13] == pytest.approx(-2.0)  # 6 cm against 3 cm
         assert np.count_nonzero(np.abs(residuals) > 1e-12) == 2
@@ -122,7 +127,7 @@ class TestOptimize:
 
         def residuals(tangent):
             moved = perturb(window.world_from_cam, tangent.reshape(size, 6))
-            return linearize(PARAMS, window._replace(world_from_cam=moved))[0]
+            return dense(PARAMS, window._replace(world_from_cam=moved))[0]
 
         tolerances = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-13}
         found = least_squares(residuals, np.zeros(6 * size), method="trf", **tolerances)

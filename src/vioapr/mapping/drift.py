@@ -7,14 +7,11 @@ errors count robustly: trackers jump, and pairs may be of places that look alike
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.sparse.linalg import spsolve
 
 from vioapr.geometry import quaternion
+from vioapr.geometry.pose_graph import Factors, gauss_newton, geman_mcclure, solve_sparse
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.joining import about_up, link, miss_m
@@ -49,106 +46,102 @@ def correct_drift(
     rows = np.flatnonzero(images.has_vio)
     number = np.full(len(images), -1)
     number[rows] = np.arange(len(rows))
-    chain = np.column_stack([rows[:-1], rows[1:]])
-    chain = chain[images.tracking_world[chain[:, 0]] == images.tracking_world[chain[:, 1]]]
+    found = found._replace(rows=number[found.rows])
+    worlds = images.tracking_world[rows]
+    first = np.flatnonzero(worlds[1:] == worlds[:-1])
+    vio, known = images.vio_from_cam.at(rows), poses.at(rows)
     for limit in ROUNDS:
-        vio = _vio_errors(images.vio_from_cam, chain, poses)
-        pairs = _pair_errors(found, distance_m, poses)
-        step = _solve([(number[chain], vio), (number[found.rows], pairs)], len(rows), limit)
-        poses = _moved(poses, rows, step)
-    return poses
+
+        def linearize(poses: Rigid3, limit: float = limit) -> list[Factors]:
+            factors = vio_factors(vio, first, poses), pair_factors(found, distance_m, poses)
+            return [each._replace(weight=geman_mcclure(each.residual, limit)) for each in factors]
+
+        known = gauss_newton(known, linearize, perturb_level, solve_sparse, 1)
+    corrected = Rigid3(*(column.copy() for column in poses))
+    corrected.translation_m[rows], corrected.quat_xyzw[rows] = known
+    return corrected
 
 
-class _Errors(NamedTuple):
-    """Of constraints between two images each, in standard errors.
+def perturb_level(poses: Rigid3, tangent: NDArray[np.float64]) -> Rigid3:
+    """Move poses in a world with y up by tangent vectors: t + d, and a turn about y.
 
-    Attributes:
-        position: Shape (m, 3).
-        by_end: Derivatives by the second image's position, shape (m, 3, 3); by the first
-            image's it is the opposite.
-        by_turn: By the first image's heading, rad, shape (m, 3).
-        heading: Shape (m,).
-        by_heading: Derivative by the second image's heading, rad; by the first the opposite.
+    Args:
+        poses: Shape (n,).
+        tangent: Shape (n, 4): translation d in m, then the heading's change in rad.
     """
-
-    position: NDArray[np.float64]
-    by_end: NDArray[np.float64]
-    by_turn: NDArray[np.float64]
-    heading: NDArray[np.float64]
-    by_heading: NDArray[np.float64]
+    turned = quaternion.multiply(about_up(np.degrees(tangent[:, 3])), poses.quat_xyzw)
+    return Rigid3(poses.translation_m + tangent[:, :3], quaternion.normalize(turned))
 
 
-def _vio_errors(vio: Rigid3, chain: NDArray[np.intp], poses: Rigid3) -> _Errors:
-    first, second = chain.T
+def vio_factors(vio: Rigid3, first: NDArray[np.intp], poses: Rigid3) -> Factors:
+    """The motions between neighbours against VIO's: position, shape (m, 3), and heading.
+
+    Args:
+        vio: Poses by VIO, shape (n,).
+        first: Those whose next one is of the same tracking world, shape (m,).
+        poses: Of now, shape (n,).
+    """
+    second = first + 1
     turn = quaternion.multiply(poses.quat_xyzw, quaternion.inverse(vio.quat_xyzw))
     way = quaternion.rotate(turn[first], vio.translation_m[second] - vio.translation_m[first])
     sigma_m = VIO_M + VIO_SHARE * np.linalg.norm(way, axis=1)
-    moved = poses.translation_m[second] - poses.translation_m[first]
+    off_m = poses.translation_m[second] - poses.translation_m[first] - way
     change = quaternion.multiply(turn[second], quaternion.inverse(turn[first]))
     heading = 2 * np.arctan2(change[:, 1], change[:, 3])
     heading = (heading + np.pi) % (2 * np.pi) - np.pi
-    sigma = np.full(len(chain), np.radians(VIO_DEG))
-    return _Errors(
-        (moved - way) / sigma_m[:, None],
-        np.eye(3) / sigma_m[:, None, None],
-        -np.cross(_UP, way) / sigma_m[:, None],
-        heading / sigma,
-        1 / sigma,
-    )
+    return level_factors(
+        (first, second), off_m, np.broadcast_to(np.eye(3), (len(first), 3, 3)),
+        -np.cross(_UP, way), sigma_m, heading, np.radians(VIO_DEG),
+    )  # fmt: skip
 
 
-def _pair_errors(found: PairGeometries, distance_m: NDArray[np.float64], poses: Rigid3) -> _Errors:
+def pair_factors(found: PairGeometries, distance_m: NDArray[np.float64], poses: Rigid3) -> Factors:
+    """The motions between paired images against their matches: heading, direction, distance.
+
+    Args:
+        found: Pairs.
+        distance_m: Roughly between their cameras, shape (m,), NaN where unknown.
+        poses: Of now, shape (n,).
+    """
     links = link(found, distance_m, poses)
     off_m, along_m = miss_m(links)
-    sigma_m = PAIR_M + PAIR_SHARE * along_m
     across = np.eye(3) - links.direction[:, :, None] * links.direction[:, None, :]
+    # The distance counts only where it is beyond its limits.
     is_within = (along_m > links.least_m) & (along_m < links.most_m)
     by_end = np.where(is_within[:, None, None], across, np.eye(3))
-    sigma = np.full(len(found.rows), np.radians(PAIR_DEG))
-    return _Errors(
-        off_m / sigma_m[:, None],
-        by_end / sigma_m[:, None, None],
-        -along_m[:, None] * np.cross(_UP, links.direction) / sigma_m[:, None],
-        -np.radians(links.heading_deg) / sigma,
-        1 / sigma,
-    )
+    by_turn = -along_m[:, None] * np.cross(_UP, links.direction)
+    first, second = found.rows.T
+    return level_factors(
+        (first, second), off_m, by_end, by_turn, PAIR_M + PAIR_SHARE * along_m,
+        -np.radians(links.heading_deg), np.radians(PAIR_DEG),
+    )  # fmt: skip
 
 
-def _solve(
-    parts: list[tuple[NDArray[np.intp], _Errors]], count: int, limit: float
-) -> NDArray[np.float64]:
-    """One step of Gauss and Newton: changes of position (x, y, z) and heading, shape (n, 4)."""
-    total, right = diags_array(np.full(4 * count, 1e-6)).tocsr(), np.zeros(4 * count)
-    for rows, errors in parts:
-        jacobian, residual, weight = _linearize(rows, errors, count, limit)
-        weighted = jacobian.T @ diags_array(weight)
-        total = total + weighted @ jacobian
-        right -= weighted @ residual
-    return np.asarray(spsolve(total.tocsc(), right)).reshape(count, 4)
+def level_factors(
+    nodes: tuple[NDArray[np.intp], NDArray[np.intp]],
+    off_m: NDArray[np.float64],
+    by_end: NDArray[np.float64],
+    by_turn: NDArray[np.float64],
+    sigma_m: NDArray[np.float64],
+    heading_rad: NDArray[np.float64],
+    sigma_rad: float,
+) -> Factors:
+    """Constraints between two poses each, of `perturb_level`'s four degrees of freedom.
 
-
-def _linearize(
-    rows: NDArray[np.intp], errors: _Errors, count: int, limit: float
-) -> tuple[csr_array, NDArray[np.float64], NDArray[np.float64]]:
-    m = len(rows)
-    values = np.zeros((m, 4, 8))
-    values[:, :3, :3], values[:, :3, 4:7] = -errors.by_end, errors.by_end
-    values[:, :3, 3] = errors.by_turn
-    values[:, 3, 3], values[:, 3, 7] = -errors.by_heading, errors.by_heading
-    columns = (4 * rows[:, :, None] + np.arange(4)).reshape(m, 1, 8)
-    lines = np.arange(4 * m).reshape(m, 4, 1)
-    lines, columns = np.broadcast_arrays(lines, columns)
-    shape = (4 * m, 4 * count)
-    jacobian = coo_array((values.ravel(), (lines.ravel(), columns.ravel())), shape=shape).tocsr()
-    residual = np.column_stack([errors.position, errors.heading])
-    size = np.linalg.norm(residual, axis=1)
-    weight = 1 / (1 + (size / limit) ** 2) ** 2  # Geman and McClure's
-    return jacobian, residual.ravel(), np.repeat(weight, 4)
-
-
-def _moved(poses: Rigid3, rows: NDArray[np.intp], step: NDArray[np.float64]) -> Rigid3:
-    positions, quats = poses.translation_m.copy(), poses.quat_xyzw.copy()
-    positions[rows] += step[:, :3]
-    turned = quaternion.multiply(about_up(np.degrees(step[:, 3])), quats[rows])
-    quats[rows] = quaternion.normalize(turned)
-    return Rigid3(positions, quats)
+    Args:
+        nodes: Numbers of the first and of the second pose, shape (m,) each.
+        off_m: Residual position of the second pose, shape (m, 3).
+        by_end: Its derivatives by the second pose's position, shape (m, 3, 3); by the first's
+            it is the opposite.
+        by_turn: By the first pose's heading in rad, shape (m, 3).
+        sigma_m: Standard error of the position, shape (m,).
+        heading_rad: Residual heading of the second pose, shape (m,).
+        sigma_rad: Its standard error.
+    """
+    by_first, by_second = np.zeros((2, len(off_m), 4, 4))
+    by_second[:, :3, :3] = by_end / sigma_m[:, None, None]
+    by_first[:, :3, :3] = -by_second[:, :3, :3]
+    by_first[:, :3, 3] = by_turn / sigma_m[:, None]
+    by_first[:, 3, 3], by_second[:, 3, 3] = -1 / sigma_rad, 1 / sigma_rad
+    residual = np.column_stack([off_m / sigma_m[:, None], heading_rad / sigma_rad])
+    return Factors(residual, nodes, (by_first, by_second))
