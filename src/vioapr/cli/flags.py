@@ -1,4 +1,4 @@
-"""Messages of the library speak of parameters; the command line puts its flags there."""
+"""Flags: their names for those of parameters in the library's messages, and lists as values."""
 
 from __future__ import annotations
 
@@ -8,6 +8,11 @@ from dataclasses import is_dataclass
 from typing import Any, get_args, get_type_hints
 
 from vioapr.errors import ParameterError, VioAprError
+
+
+def split_names(text: str) -> list[str]:
+    """Split the value of a flag that takes names separated by commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def flag_names(function: Callable[..., Any]) -> dict[str, str]:

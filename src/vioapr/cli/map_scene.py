@@ -8,12 +8,12 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import console, progress, say
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
 from vioapr.report.map_report import FIGURES, write_map_report
 from vioapr.scene.scene import Scene
-from vioapr.schemas.map_summary import Georeference, MapSummary
+from vioapr.schemas.map_summary import MapSummary
 
 
 def map_(
@@ -24,7 +24,7 @@ def map_(
 
     Writes map/ (a COLMAP model in the world frame: metres, z up), gt/<recording>.tum for training
     and test recordings, and the map's report. Test images do not change the map. A run that was
-    interrupted goes on where it was; delete .mapping/ in the scene to begin anew.
+    interrupted goes on where it was; delete .mapping/ in the scene to start over.
 
     Args:
         scene: The scene's folder.
@@ -34,13 +34,12 @@ def map_(
     summary = map_scene(opened, params, progress)
     with progress("drawing figures", FIGURES) as tick:
         page = write_map_report(Scene.open(scene), summary, tick)
-    console.print(_table(summary))
-    for line in _notes(summary):
-        console.print(line, soft_wrap=True, markup=False)
-    console.print(f"report: {page.resolve()}", soft_wrap=True, markup=False)
+    print_summary(summary)
+    say(f"report: {page.resolve()}")
 
 
-def _table(summary: MapSummary) -> Table:
+def print_summary(summary: MapSummary) -> None:
+    """Print what was registered, how exact the map is, and what is missing."""
     table = Table(title="registered images", title_justify="left")
     for header in ("recording", "split"):
         table.add_column(header, no_wrap=True)
@@ -50,40 +49,31 @@ def _table(summary: MapSummary) -> Table:
         lists = (facts.unregistered, facts.unusable, facts.misplaced, facts.parts_from_vio_at_s)
         counts = [facts.images, facts.registered, *map(len, lists)]
         table.add_row(id_, facts.split, *(str(count) for count in counts))
-    return table
-
-
-def _notes(summary: MapSummary) -> list[str]:
+    console.print(table)
     model, world = summary.model, summary.world
-    ratios = [scale.relative for scale in world.scales]
-    lines = [
+    say(
         f"map: {model.images} images, {model.points} points, reprojection error "
-        f"{model.mean_reprojection_error_px:.2f} px",
-        f"scale by VIO: tracking worlds agree within {100 * (min(ratios) - 1):+.2f} to "
-        f"{100 * (max(ratios) - 1):+.2f} %; up by VIO: median spread "
-        f"{world.gravity_spread_deg:.2f} deg",
-        *_describe_place(world.georeference),
-    ]
+        f"{model.mean_reprojection_error_px:.2f} px"
+    )
+    percents = [100 * (scale.relative - 1) for scale in world.scales]
+    say(
+        f"scale by VIO: tracking worlds agree within {min(percents):+.2f} to {max(percents):+.2f} "
+        f"%; up by VIO: median spread {world.gravity_spread_deg:.2f} deg"
+    )
+    if isinstance(geo := world.georeference, str):
+        say(f"not georeferenced: {geo}")
+    elif geo is not None:
+        say(
+            f"georeferenced by {geo.fixes} satellite positions: x is east, origin at "
+            f"{geo.origin.latitude_deg:.7f}, {geo.origin.longitude_deg:.7f}; median distance "
+            f"{geo.residual_m:.1f} m, heading to {geo.heading_sigma_deg:.1f} deg"
+        )
     for id_, facts in summary.recordings.items():
-        for what in ("unregistered", "unusable", "misplaced"):
-            images = getattr(facts, what)
-            if images:
-                names = [name.rsplit("/", 1)[-1] for name in images]
+        lists = {"unregistered": facts.unregistered, "unusable": [*facts.unusable]}
+        for title, paths in (lists | {"misplaced": facts.misplaced}).items():
+            if paths:
+                names = [path.rsplit("/", 1)[-1] for path in paths]
                 more = f" and {len(names) - 5} more (all in map/map.json)" if names[5:] else ""
-                lines.append(f"{id_}, {what}: {', '.join(names[:5])}{more}")
+                say(f"{id_}, {title}: {', '.join(names[:5])}{more}")
     if summary.reused_steps:
-        lines.append(f"done before and not repeated: {', '.join(summary.reused_steps)}")
-    return lines
-
-
-def _describe_place(geo: Georeference | str | None) -> list[str]:
-    if isinstance(geo, str):
-        return [f"not georeferenced: {geo}"]
-    if geo is None:
-        return []
-    origin = geo.origin
-    return [
-        f"georeferenced by {geo.fixes} satellite positions: x is east, origin at "
-        f"{origin.latitude_deg:.7f}, {origin.longitude_deg:.7f}; median distance "
-        f"{geo.residual_m:.1f} m, heading to {geo.heading_sigma_deg:.1f} deg"
-    ]
+        say(f"done before and not repeated: {', '.join(summary.reused_steps)}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from vioapr.cli.flags import split_names
 from vioapr.errors import ParameterError
 from vioapr.fusion.methods import METHODS, get_method
 
@@ -45,10 +46,10 @@ def parse_methods(names: str, params: Any) -> dict[str, Any]:
     Raises:
         ParameterError: The list is empty, or has an unknown or repeated name.
     """
-    listed = [name.strip() for name in names.split(",") if name.strip()]
+    listed = split_names(names)
     if not listed:
-        raise ParameterError(f"--methods: expected names from {', '.join(METHODS)}, got none")
+        raise ParameterError(f"methods: expected names from {', '.join(METHODS)}, got none")
     repeated = {name for name in listed if listed.count(name) > 1}
     if repeated:
-        raise ParameterError(f"--methods: {', '.join(sorted(repeated))} is named twice")
+        raise ParameterError(f"methods: {', '.join(sorted(repeated))} is named twice")
     return {name: params_for(name, params) for name in listed}

@@ -13,11 +13,12 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from vioapr.cli.console import console, error_console, progress
+from vioapr.cli.console import console, error_console, progress, say
+from vioapr.cli.flags import split_names
 from vioapr.cli.torch_extra import require_torch
 from vioapr.recipes.datasets import DATA_SETS
 from vioapr.recipes.paper import MODELS, changed
-from vioapr.recipes.report import Report, TextTable, write_report
+from vioapr.recipes.report import Report, write_report
 from vioapr.recipes.reproduce import Request, reproduce
 from vioapr.recipes.trainings import TRAININGS_FOLDER
 
@@ -99,46 +100,35 @@ def _reproduce(name: str, data: Path, out: Path, options: Options) -> None:
         "ms-transformer": options.weights_ms_transformer,
     }
     request = Request(
-        DATA_SETS[name], data, out, _split(options.scenes), _split(options.models), change,
+        DATA_SETS[name], data, out, tuple(split_names(options.scenes)),
+        tuple(split_names(options.models)), change,
         weights,
     )  # fmt: skip
-    report = reproduce(request, progress, _say)
+    report = reproduce(
+        request, progress, lambda text: error_console.print(Text(text), soft_wrap=True)
+    )
     print_report(report)
     for path in write_report(report, out):
-        console.print(f"written: {path}", soft_wrap=True)
+        say(f"written: {path}")
     if DATA_SETS[name].has_tracker:
-        walks = out / TRAININGS_FOLDER
-        console.print(f"figures: vioapr evaluate {walks} --report {out / 'report'}", soft_wrap=True)
-
-
-def _split(names: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in names.split(",") if name.strip())
-
-
-def _say(text: str) -> None:
-    error_console.print(Text(text), soft_wrap=True)
+        say(f"figures: vioapr evaluate {out / TRAININGS_FOLDER} --report {out / 'report'}")
 
 
 def print_report(report: Report) -> None:
-    """Differences first, as nobody may miss them; then notes and tables."""
+    """Print differences first, as nobody may miss them; then notes and tables."""
     if report.content.differences:
         listed = Text("\n".join(f"- {text}" for text in report.content.differences))
         console.print(Panel(listed, title=report.warning, border_style="yellow"))
     for note in report.content.notes:
-        console.print(Text(note), soft_wrap=True)
+        say(note)
     for table in report.tables:
-        console.print(_make_table(table))
-
-
-def _make_table(table: TextTable) -> Table:
-    drawn = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, show_edge=False)
-    is_text = {"frames", "scene"}
-    for header in table.header:
-        justify = "left" if header in is_text else "right"
-        # A figure that is cut off would be another figure.
-        drawn.add_column(header, justify=justify, overflow="fold")
-    for section in table.sections:
-        for row in section:
-            drawn.add_row(*row)
-        drawn.add_section()
-    return drawn
+        drawn = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, show_edge=False)
+        for header in table.header:
+            justify = "left" if header in ("frames", "scene") else "right"
+            # A figure that is cut off would be another figure.
+            drawn.add_column(header, justify=justify, overflow="fold")
+        for section in table.sections:
+            for row in section:
+                drawn.add_row(*row)
+            drawn.add_section()
+        console.print(drawn)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 
-from vioapr.cli.console import console, progress
+from vioapr.cli.console import progress, say
+from vioapr.cli.flags import split_names
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
 from vioapr.regression.params import TrainingParams, batches_of_epoch
 from vioapr.scene.scene import Scene
 from vioapr.schemas.regressor import RegressorSpec
-
-if TYPE_CHECKING:
-    from vioapr.regression.state import Journal
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
@@ -65,22 +63,18 @@ def train(
     from vioapr.regression.training import train as run_training
 
     if not scenes:
-        raise ParameterError("SCENES: expected at least one scene's folder, got none")
+        raise ParameterError("scenes: expected at least one scene's folder, got none")
     check_model(model)
     opened = [Scene.open(folder) for folder in scenes]
     names = tuple(scene.name for scene in opened)
     spec = RegressorSpec(model, names, rotation, resize, crop, dropout, orientation_layers)
     folder = out or scenes[0] / "models" / model.replace(":", "-")
-    frames = choose_frames(opened, [id_ for id_ in validation.split(",") if id_])
+    frames = choose_frames(opened, split_names(validation))
     with progress("reading images", frames.images) as tick:
         run = prepare_run(opened, frames, spec, params, folder, weights, tick)
     steps = params.stages[-1].last * batches_of_epoch(len(run.samples), params.batch_size).count
     with progress("training", steps) as tick:
         journal = run_training(run._replace(tick=tick), resume=resume)
-    _print_result(journal, folder)
-
-
-def _print_result(journal: Journal, folder: Path) -> None:
     best = journal.epochs[journal.best]
     text = f"{len(journal.epochs)} epochs, {best.images_per_s:.0f} images/s"
     if best.validation_position_m is not None:
@@ -88,5 +82,5 @@ def _print_result(journal: Journal, folder: Path) -> None:
             f", best epoch {journal.best + 1}: {best.validation_position_m:.3f} m, "
             f"{best.validation_orientation_deg:.2f} deg on the validation recordings"
         )
-    console.print(text)
-    console.print(f"regressor: {folder}", soft_wrap=True)
+    say(text)
+    say(f"regressor: {folder}")

@@ -5,11 +5,18 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+
+_ENVIRONMENT = Environment(
+    loader=PackageLoader("vioapr.report"),
+    autoescape=True,
+    undefined=StrictUndefined,  # what a template misses is a bug, not an empty place
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,15 +111,4 @@ def render_page(template: str, page: Page) -> str:
         template: Name of a file in `templates/`, which says what it needs of the page.
         page: Its data, as the variable `page`.
     """
-    return _environment().get_template(template).render(page=page)
-
-
-@cache
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("vioapr.report"),
-        autoescape=True,
-        undefined=StrictUndefined,  # what a template misses is a bug, not an empty place
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    return _ENVIRONMENT.get_template(template).render(page=page)

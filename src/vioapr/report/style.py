@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from vioapr.files.text import write_bytes
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
@@ -96,6 +97,15 @@ def new_figure(
     return figure, figure.subplots(rows, cols, squeeze=False, **options).ravel()
 
 
+def mark_limit(axes: Axes, value: float, text: str) -> None:
+    """Draw a dotted vertical line, named above the axes."""
+    axes.axvline(value, color="#777777", lw=0.8, ls=":", zorder=1)
+    axes.text(
+        value, 1.01, text, transform=axes.get_xaxis_transform(), ha="center", fontsize=8,
+        color="#555555", clip_on=False,
+    )  # fmt: skip
+
+
 def label_log_axis(axis: Axis) -> None:
     """Label a log axis, whose limits are set, with plain numbers: as many as there is room for."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -167,7 +177,7 @@ def thin(values: Array1, limit: int = MAX_POINTS) -> NDArray[np.intp]:
 
 
 def spread(count: int, limit: int = MAX_POINTS) -> NDArray[np.intp]:
-    """At most `limit` of so many rows, evenly spread, the first and the last among them."""
+    """At most `limit` of `count` rows, evenly spread, the first and the last among them."""
     return np.unique(np.linspace(0, count - 1, min(count, limit)).astype(np.intp))
 
 

@@ -19,16 +19,15 @@ from vioapr.report.figures.selection import (
 from vioapr.report.formatting import format_error
 from vioapr.report.style import (
     RAW,
-    Array1,
     house_style,
     label_log_axis,
     log_limits,
+    mark_limit,
     new_figure,
     spread,
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -48,41 +47,23 @@ def distribution_figure(results: Sequence[Result]) -> Figure:
             errors = errors_by_method(results, field)
             limits = log_limits(list(errors.values()), upper_percentile=99)
             for method, values in errors.items():
-                label = raw_label(results) if method == RAW else method
-                _draw_distribution(axis, values, limits, label, colors[method], (" m", "°")[field])
+                ordered, share = cumulative_distribution(values)
+                answered = len(ordered) / max(len(values), 1)
+                rows = spread(len(ordered), 250)
+                # From the left edge to the right one: a curve that ends early looks unfinished.
+                edges = np.array([*limits, *ordered])
+                x = np.concatenate([[edges.min()], ordered[rows], [edges.max()]])
+                y = np.concatenate([[0.0], 100 * answered * share[rows], [100 * answered]])
+                name = raw_label(results) if method == RAW else method
+                median = format_error(finite_median(values)) + (" m", "°")[field]
+                label = f"{name}: median {median}, {100 * answered:.0f} % of frames"
+                axis.plot(x, y, color=colors[method], drawstyle="steps-post", label=label)
             axis.set(xscale="log", xlim=limits, ylim=(0, 103))
-            _draw_levels(axis, field)
+            for level, level_limits in PRECISION_LEVELS.items():
+                if limits[0] <= level_limits[field] <= limits[1]:
+                    mark_limit(axis, level_limits[field], level)
             label_log_axis(axis.xaxis)
             axis.set_xlabel(f"{AXIS_LABELS[field]}, log scale, up to the 99th percentile")
             axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), handlelength=1.4)
         axes[0].set_ylabel("share of all frames, with or without pose (%)")
     return figure
-
-
-def _draw_distribution(
-    axis: Axes, errors: Array1, limits: tuple[float, float], label: str, color: str, unit: str
-) -> None:
-    ordered, share = cumulative_distribution(errors)
-    answered = len(ordered) / max(len(errors), 1)
-    rows = spread(len(ordered), 250)
-    # From the left edge to the right one: a curve that ends early would look unfinished.
-    edges = np.array([*limits, *ordered])
-    x = np.concatenate([[edges.min()], ordered[rows], [edges.max()]])
-    y = np.concatenate([[0.0], 100 * answered * share[rows], [100 * answered]])
-    figures = (
-        f"median {format_error(finite_median(errors))}{unit}, {100 * answered:.0f} % of frames"
-    )
-    axis.plot(x, y, color=color, drawstyle="steps-post", label=f"{label}: {figures}")
-
-
-def _draw_levels(axis: Axes, field: int) -> None:
-    """The limits of the precision levels, named at the top, as far as they are in view."""
-    low, high = axis.get_xlim()
-    for level, limits in PRECISION_LEVELS.items():
-        if not low <= limits[field] <= high:
-            continue
-        axis.axvline(limits[field], color="#777777", lw=0.8, ls=":", zorder=1)
-        axis.text(
-            limits[field], 1.01, level, transform=axis.get_xaxis_transform(), ha="center",
-            fontsize=8, color="#555555", clip_on=False,
-        )  # fmt: skip

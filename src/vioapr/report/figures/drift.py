@@ -46,44 +46,32 @@ def drift_figure(results: Sequence[Result]) -> Figure:
         results: Of one case, one a method. `vio-apr` is drawn with its stages, or the first
             method other than `apr` and `vio` where it is missing.
     """
+    first, colors, staged = results[0], colors_of(results), staged_method(results)
+    times = first.timestamp_s - first.timestamp_s[0]
     with house_style():
         figure, axes = new_figure(9.0, 5.8, rows=2, sharex=True)
         for field, axis in enumerate(axes):
-            _draw_drift(axis, results, field)
+            raw = first.raw_errors[field]
+            is_known = np.isfinite(raw)
+            # Images may be much rarer than frames: the line joins predictions, not frames.
+            at, shown, color = times[is_known], raw[is_known], colors[RAW]
+            _plot_thinned(axis, at, shown, color=color, lw=0.5, alpha=0.4)
+            dots = {"ls": "", "marker": ".", "ms": 4, "label": raw_label(results)}
+            _plot_thinned(axis, at, shown, color=color, **dots)
+            for result in without_raw(results):
+                options = {"color": colors[result.method], "label": result.method, "lw": 1.3}
+                _plot_thinned(axis, times, result.errors[field], **options)
+                if result is staged:
+                    _draw_stages(axis, times, result, field, colors[result.method])
+            errors = [raw, *(result.errors[field] for result in without_raw(results))]
+            label = f"{AXIS_LABELS[field]}, log scale"
+            axis.set(yscale="log", ylim=log_limits(errors), ylabel=label)
+            label_log_axis(axis.yaxis)
+            axis.margins(x=0.01)
         axes[-1].set_xlabel("time since the walk's first frame (s)")
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=4, markerscale=1.5)
     return figure
-
-
-def _draw_drift(axis: Axes, results: Sequence[Result], field: int) -> None:
-    first, colors = results[0], colors_of(results)
-    raw = first.raw_errors[field]
-    times = first.timestamp_s - first.timestamp_s[0]
-    is_known = np.isfinite(raw)
-    label = raw_label(results)
-    # Images may be much rarer than frames: the line joins predictions, not frames.
-    _plot_thinned(axis, times[is_known], raw[is_known], color=colors[RAW], lw=0.5, alpha=0.4)
-    _plot_thinned(
-        axis,
-        times[is_known],
-        raw[is_known],
-        color=colors[RAW],
-        ls="",
-        marker=".",
-        ms=4,
-        label=label,
-    )
-    staged = staged_method(results)
-    for result in without_raw(results):
-        options = {"color": colors[result.method], "label": result.method, "lw": 1.3}
-        _plot_thinned(axis, times, result.errors[field], **options)
-        if result is staged:
-            _draw_stages(axis, times, result, field, colors[result.method])
-    low, high = log_limits([raw, *(result.errors[field] for result in without_raw(results))])
-    axis.set(yscale="log", ylim=(low, high), ylabel=f"{AXIS_LABELS[field]}, log scale")
-    label_log_axis(axis.yaxis)
-    axis.margins(x=0.01)
 
 
 def _draw_stages(axis: Axes, times: Array1, result: Result, field: int, color: str) -> None:
@@ -100,7 +88,7 @@ def _draw_stages(axis: Axes, times: Array1, result: Result, field: int, color: s
                 zorder=3,
                 **options | marker,
             )
-    for index, (start, end) in enumerate(_gaps(times, result.has_status(Status.UNLOCALIZED))):
+    for index, (start, end) in enumerate(find_gaps(times, result.has_status(Status.UNLOCALIZED))):
         label = f"{result.method}: no pose" if index == 0 else None
         axis.axvspan(start, end, color="#dddddd", lw=0, zorder=0, label=label)
 
@@ -112,8 +100,13 @@ def _plot_thinned(
     axis.plot(times[rows], values[rows], **options)
 
 
-def _gaps(times: Array1, is_gap: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Spans of time of runs of such frames, each up to the next frame; too short ones left out."""
+def find_gaps(times: Array1, is_gap: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Find spans of time of runs of frames, each up to the next frame, that are long enough to see.
+
+    Args:
+        times: Shape (n,), s.
+        is_gap: Shape (n,), the frames to look for.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_gap, [False]])))
     ends = np.append(times, times[-1])
     spans = [(float(ends[start]), float(ends[end])) for start, end in edges.reshape(-1, 2)]

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.report.style import house_style, new_figure, spread
-from vioapr.schemas.map_summary import GravityOffset, ScaleSummary, WorldSummary
+from vioapr.schemas.map_summary import WorldSummary
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#882255", "#999933")
@@ -33,7 +32,14 @@ def map_figure(
     """
     with house_style():
         figure, (axis,) = new_figure(8.5, 6.5)
-        low, high = _limits(points_m, position_m)
+        # Around all cameras and most points: a few far ones would make the rest a dot.
+        cameras = np.concatenate([np.zeros((0, 3)), *position_m.values()])
+        edges = [cameras.min(axis=0), cameras.max(axis=0)]
+        if len(points_m):
+            edges += list(np.percentile(points_m, [3, 97], axis=0))
+        low, high = np.min(edges, axis=0)[:2], np.max(edges, axis=0)[:2]
+        margin = 0.04 * float((high - low).max()) + 0.1
+        low, high = low - margin, high + margin
         shown = points_m[spread(len(points_m), MAX_POINTS_DRAWN)]
         axis.scatter(shown[:, 0], shown[:, 1], s=0.8, c="#9a9a9a", lw=0, rasterized=True)
         for number, (id_, positions) in enumerate(position_m.items()):
@@ -49,19 +55,6 @@ def map_figure(
     return figure
 
 
-def _limits(
-    points: NDArray[np.float64], positions: Mapping[str, NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Around all cameras and most points: a few far ones would make the rest a dot."""
-    cameras = np.concatenate([np.zeros((0, 3)), *positions.values()])
-    edges = [cameras.min(axis=0), cameras.max(axis=0)]
-    if len(points):
-        edges += list(np.percentile(points, [3, 97], axis=0))
-    low, high = np.min(edges, axis=0)[:2], np.max(edges, axis=0)[:2]
-    margin = 0.04 * float((high - low).max()) + 0.1
-    return low - margin, high + margin
-
-
 def agreement_figure(world: WorldSummary) -> Figure:
     """How much the tracking worlds differ in scale and in the direction up.
 
@@ -71,28 +64,21 @@ def agreement_figure(world: WorldSummary) -> Figure:
     scales, tilts = world.scales, world.gravity_offset_deg
     rows = max(len(scales), len(tilts), 1)
     with house_style():
-        figure, axes = new_figure(9.0, 1.6 + 0.28 * rows, cols=2)
-        _draw_scales(axes[0], scales)
-        _draw_tilts(axes[1], tilts, world.gravity_spread_deg)
+        figure, (left, right) = new_figure(9.0, 1.6 + 0.28 * rows, cols=2)
+        for row, scale in enumerate(scales):
+            off = 100 * (scale.relative - 1)
+            color = "#0072b2" if scale.is_used else "#d55e00"
+            left.errorbar(off, row, xerr=200 * scale.sigma, fmt="o", color=color, ms=4, lw=1.2)
+        left.axvline(0, color="#777777", lw=0.8, ls=":")
+        names = [s.recording + ("" if s.is_used else " (left out)") for s in scales]
+        left.set_yticks(range(len(scales)), names)
+        left.set_ylim(len(scales) - 0.5, -0.5)
+        left.margins(x=0.15)
+        left.set_xlabel("scale by VIO, off the map's (%), ± 2 sigma")
+        offsets_deg = [tilt.offset_deg for tilt in tilts]
+        right.barh(range(len(tilts)), offsets_deg, color="#0072b2", height=0.5)
+        right.axvline(world.gravity_spread_deg, color="#777777", lw=0.8, ls=":")
+        right.set_yticks(range(len(tilts)), [tilt.recording for tilt in tilts])
+        right.set_ylim(len(tilts) - 0.5, -0.5)
+        right.set_xlabel("up by VIO, off the map's (deg); dotted: single images")
     return figure
-
-
-def _draw_scales(axis: Axes, scales: list[ScaleSummary]) -> None:
-    for row, scale in enumerate(scales):
-        off = 100 * (scale.relative - 1)
-        color = "#0072b2" if scale.is_used else "#d55e00"
-        axis.errorbar(off, row, xerr=200 * scale.sigma, fmt="o", color=color, ms=4, lw=1.2)
-    axis.axvline(0, color="#777777", lw=0.8, ls=":")
-    names = [s.recording + ("" if s.is_used else " (left out)") for s in scales]
-    axis.set_yticks(range(len(scales)), names)
-    axis.set_ylim(len(scales) - 0.5, -0.5)
-    axis.margins(x=0.15)
-    axis.set_xlabel("scale by VIO, off the map's (%), ± 2 sigma")
-
-
-def _draw_tilts(axis: Axes, tilts: list[GravityOffset], spread_deg: float) -> None:
-    axis.barh(range(len(tilts)), [t.offset_deg for t in tilts], color="#0072b2", height=0.5)
-    axis.axvline(spread_deg, color="#777777", lw=0.8, ls=":")
-    axis.set_yticks(range(len(tilts)), [t.recording for t in tilts])
-    axis.set_ylim(len(tilts) - 0.5, -0.5)
-    axis.set_xlabel("up by VIO, off the map's (deg); dotted: single images")

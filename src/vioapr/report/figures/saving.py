@@ -63,10 +63,10 @@ def save_figures(
         The figures, group by group.
 
     Raises:
-        FormatError: A file cannot be written.
+        UnwritableError: A file cannot be written.
     """
     saved = []
-    for group, stem in zip(groups, _file_stems(groups), strict=True):
+    for group, stem in zip(groups, file_stems(groups), strict=True):
         results = results_of(group, representative_case(group))
         for kind, draw in FIGURES.items():
             figure = draw(group.results if kind == "distribution" else results)
@@ -110,8 +110,8 @@ def caption(group: Group, kind: str) -> str:
     return f"{what} {chosen}"
 
 
-def _file_stems(groups: Sequence[Group]) -> list[str]:
-    """A name for each group's files that any file system takes, none twice."""
+def file_stems(groups: Sequence[Group]) -> list[str]:
+    """Name each group's files so that any file system takes it, no two alike."""
     stems: list[str] = []
     for group in groups:
         parts = (group.set_name, group.vio, group.apr)

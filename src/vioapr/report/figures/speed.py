@@ -10,7 +10,6 @@ import numpy as np
 from vioapr.report.style import Array1, house_style, new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BIN_M_S = 0.1
@@ -34,32 +33,34 @@ def speed_figure(panels: Mapping[str, Mapping[str, Array1]]) -> Figure:
     with house_style():
         figure, axes = new_figure(4.8 * len(panels) + 0.4, 3.5, cols=len(panels))
         for axis, (title, by_split) in zip(axes, panels.items(), strict=True):
-            _draw(axis, title, by_split)
+            speeds = np.concatenate([np.zeros(0), *by_split.values()])
+            edges = speed_bins(speeds)
+            shown = {
+                split: np.minimum(values, edges[-1] - 1e-9) for split, values in by_split.items()
+            }
+            shown = {split: values for split, values in shown.items() if len(values)}
+            if shown:
+                axis.hist(
+                    list(shown.values()),
+                    bins=list(edges),
+                    stacked=True,
+                    weights=[np.full(len(values), 100 / len(speeds)) for values in shown.values()],
+                    label=[f"{split}, n = {len(values)}" for split, values in shown.items()],
+                    color=[_COLORS[split] for split in shown],
+                    edgecolor="white",
+                    linewidth=0.5,
+                )
+                median = float(np.median(speeds))
+                axis.axvline(
+                    median, color="#222222", lw=1.0, ls="--", label=f"median {median:.2f} m/s"
+                )
+                axis.legend(
+                    loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.4
+                )
+            axis.grid(axis="x", visible=False)
+            axis.set(title=title, xlim=(0, edges[-1]), xlabel="walking speed over 1 s (m/s)")
+            axis.set_ylabel("share of the time (%)")
+            if (speeds > edges[-1]).any():
+                text = f"last bar: {(speeds > edges[-1]).mean():.1%} faster"
+                axis.text(0.99, 0.97, text, transform=axis.transAxes, ha="right", fontsize=8)
     return figure
-
-
-def _draw(axis: Axes, title: str, by_split: Mapping[str, Array1]) -> None:
-    speeds = np.concatenate([np.zeros(0), *by_split.values()])
-    edges = speed_bins(speeds)
-    shown = {split: np.minimum(values, edges[-1] - 1e-9) for split, values in by_split.items()}
-    shown = {split: values for split, values in shown.items() if len(values)}
-    if shown:
-        axis.hist(
-            list(shown.values()),
-            bins=list(edges),
-            stacked=True,
-            weights=[np.full(len(values), 100 / len(speeds)) for values in shown.values()],
-            label=[f"{split}, n = {len(values)}" for split, values in shown.items()],
-            color=[_COLORS[split] for split in shown],
-            edgecolor="white",
-            linewidth=0.5,
-        )
-        median = float(np.median(speeds))
-        axis.axvline(median, color="#222222", lw=1.0, ls="--", label=f"median {median:.2f} m/s")
-        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.4)
-    axis.grid(axis="x", visible=False)
-    axis.set(title=title, xlim=(0, edges[-1]), xlabel="walking speed over 1 s (m/s)")
-    axis.set_ylabel("share of the time (%)")
-    if (speeds > edges[-1]).any():
-        text = f"last bar: {(speeds > edges[-1]).mean():.1%} faster"
-        axis.text(0.99, 0.97, text, transform=axis.transAxes, ha="right", fontsize=8)

@@ -28,10 +28,10 @@ def trajectory_figure(results: Sequence[Result]) -> Figure:
             of more than `MAX_METHODS`, the best by median position error, where a frame
             without pose counts as the worst.
     """
-    first, shown = results[0], _best_methods(results)
+    first, shown = results[0], best_methods(results)
     gt = first.gt_world_from_cam.translation_m
-    axes_shown = _view_axes(gt)
-    limits = _view_limits(gt[:, axes_shown], first.raw_errors.position_m)
+    axes_shown = view_axes(gt)
+    limits = view_limits(gt[:, axes_shown], first.raw_errors.position_m)
     raw = first.case.frames.inputs.apr_world_from_cam.at(first.case.has_gt).translation_m
     panels = [(raw_label(results), raw, first.raw_errors.position_m)]
     panels += [(r.method, r.world_from_cam.translation_m, r.errors.position_m) for r in shown]
@@ -82,8 +82,8 @@ def _draw_positions(
     return f"median {format_error(finite_median(errors))} m, {share} % of frames{outside}"
 
 
-def _view_axes(gt_positions_m: Array1) -> list[int]:
-    """The two world axes to look at: x and y, as the world's z is up, unless z says otherwise.
+def view_axes(gt_positions_m: Array1) -> list[int]:
+    """Choose two world axes to look at: x and y, as the world's z is up, unless z says otherwise.
 
     Where ground truth comes in a world of unknown gravity, z is as good an axis as any: it
     replaces the shorter of the others if the walk extends more than twice as far along it.
@@ -93,7 +93,7 @@ def _view_axes(gt_positions_m: Array1) -> list[int]:
     return [0, 1] if extent[2] <= 2 * extent[shorter] else [1 - shorter, 2]
 
 
-def _view_limits(gt: Array1, raw_errors_m: Array1) -> Array1:
+def view_limits(gt: Array1, raw_errors_m: Array1) -> Array1:
     """Limits of both axes, shape (2, 2): ground truth, and room for most of the raw predictions.
 
     Some regressors' outliers lie kilometres away, so the room is at most half the walk's
@@ -121,8 +121,8 @@ def _error_colors(errors: Sequence[Array1]) -> Any:
     return ScalarMappable(Normalize(0.0, float(np.percentile(known, 95)) or 1.0), colors)
 
 
-def _best_methods(results: Sequence[Result]) -> list[Result]:
-    """At most `MAX_METHODS` methods, in the order of the results."""
+def best_methods(results: Sequence[Result]) -> list[Result]:
+    """Choose at most `MAX_METHODS` methods, in the order of the results."""
 
     def badness(result: Result) -> float:
         errors = np.nan_to_num(result.errors.position_m, nan=np.inf)

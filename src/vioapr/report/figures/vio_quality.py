@@ -12,22 +12,21 @@ from vioapr.evaluation.vio_quality import VioQuality
 from vioapr.evaluation.vio_tables import group_tracks, pooled_errors, steady
 from vioapr.report.formatting import format_error
 from vioapr.report.style import (
-    Array1,
     house_style,
     label_log_axis,
     log_limits,
+    mark_limit,
     new_figure,
     spread,
     thin,
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#999933")
 MAX_GROUPS = len(_COLORS)
-"""So many groups are drawn, the first ones: more could not be told apart."""
+"""Groups that are drawn, the first ones: more could not be told apart."""
 
 _PANELS = (
     ("rpe_m", "RPE between frames one period apart (m)"),
@@ -53,40 +52,27 @@ def vio_distribution_figure(qualities: list[VioQuality]) -> Figure:
     with house_style():
         figure, axes = new_figure(9.5, 7.0, rows=2, cols=2, sharey=True)
         for axis, (key, label) in zip(axes, _PANELS, strict=True):
-            errors = {name: values[key] for name, values in pooled.items()}
-            _draw_curves(axis, errors)
+            low, high = log_limits([values[key] for values in pooled.values()], 99)
+            low = max(low, high / 300)
+            for color, (name, values) in zip(_COLORS, pooled.items(), strict=False):
+                if not len(values[key]):
+                    axis.plot([], [], color=color, label=f"{name}: none that does not diverge")
+                    continue
+                ordered, share = cumulative_distribution(values[key])
+                rows = spread(len(ordered), 250)
+                x, y = np.maximum(ordered[rows], low), 100 * share[rows]
+                text = f"{name}: median {format_error(float(np.median(ordered)))}"
+                axis.plot(x, y, color=color, drawstyle="steps-post", label=text)
+            axis.set(xscale="log", xlim=(low, high), ylim=(0, 103))
             if key in limits:
-                _mark(axis, limits[key], f"{limits[key]:g}")
+                axis.set_xlim(min(low, limits[key] / 2), max(high, limits[key] * 2))
+                mark_limit(axis, limits[key], f"{limits[key]:g}")
             label_log_axis(axis.xaxis)
             axis.set_xlabel(f"{label}, log scale")
             axis.legend(loc="upper left", handlelength=1.2, fontsize=8)
         for axis in axes[::2]:
             axis.set_ylabel("share (%)")
     return figure
-
-
-def _draw_curves(axis: Axes, errors_of: dict[str, Array1]) -> None:
-    low, high = log_limits(list(errors_of.values()), 99)
-    axis.set(xscale="log", xlim=(max(low, high / 300), high), ylim=(0, 103))
-    for color, (name, errors) in zip(_COLORS, errors_of.items(), strict=False):
-        if not len(errors):
-            axis.plot([], [], color=color, label=f"{name}: none that does not diverge")
-            continue
-        ordered, share = cumulative_distribution(errors)
-        rows = spread(len(ordered), 250)
-        x = np.maximum(ordered[rows], axis.get_xlim()[0])
-        label = f"{name}: median {format_error(float(np.median(ordered)))}"
-        axis.plot(x, 100 * share[rows], color=color, drawstyle="steps-post", label=label)
-
-
-def _mark(axis: Axes, limit: float, text: str) -> None:
-    low, high = axis.get_xlim()
-    axis.set_xlim(min(low, limit / 2), max(high, limit * 2))
-    axis.axvline(limit, color="#777777", lw=0.8, ls=":", zorder=1)
-    axis.text(
-        limit, 1.01, text, transform=axis.get_xaxis_transform(), ha="center", fontsize=8,
-        color="#555555", clip_on=False,
-    )  # fmt: skip
 
 
 def vio_drift_figure(qualities: list[VioQuality]) -> Figure:
@@ -102,7 +88,14 @@ def vio_drift_figure(qualities: list[VioQuality]) -> Figure:
         figure, axes = new_figure(9.0, 6.0, rows=2, sharex=True)
         for field, axis in enumerate(axes):
             for color, label, quality in _lines(qualities):
-                _draw_walk(axis, quality, field, color, label)
+                # A line over a change of the tracker's world would join two worlds.
+                shown = quality.errors[field].copy()
+                shown[1:][np.diff(quality.track.tracking_world) != 0] = np.nan
+                rows = thin(shown)
+                axis.plot(
+                    quality.elapsed_s[rows], shown[rows], color=color, lw=1.1, alpha=0.85,
+                    ls=":" if quality.diverges_at_s is not None else "-", label=label,
+                )  # fmt: skip
             settled = steady(qualities) or qualities
             highest = max(float(np.max(q.errors[field])) for q in settled)
             axis.set_ylim(0, 1.05 * highest or 1.0)
@@ -132,24 +125,11 @@ def _lines(qualities: list[VioQuality]) -> Iterator[tuple[str, str | None, VioQu
                 yield "#999999", label, quality
         return
     for color, (name, members) in zip(_COLORS, groups, strict=False):
+        diverging = len(members) - len(steady(members))
+        label = f"{name}, {len(members)} walk{'s' if len(members) != 1 else ''}"
+        label += f", {diverging} diverging (dotted)" if diverging else ""
         for number, quality in enumerate(members):
-            yield color, _label(name, members) if number == 0 else None, quality
-
-
-def _draw_walk(axis: Axes, quality: VioQuality, field: int, color: str, label: str | None) -> None:
-    errors, elapsed = quality.errors[field], quality.elapsed_s
-    # A line over a change of the tracker's world would join what has nothing in common.
-    shown = errors.copy()
-    shown[1:][np.diff(quality.track.tracking_world) != 0] = np.nan
-    rows = thin(shown)
-    style = ":" if quality.diverges_at_s is not None else "-"
-    axis.plot(elapsed[rows], shown[rows], color=color, ls=style, lw=1.1, alpha=0.85, label=label)
-
-
-def _label(name: str, members: list[VioQuality]) -> str:
-    diverging = len(members) - len(steady(members))
-    walks = f"{len(members)} walk{'s' if len(members) != 1 else ''}"
-    return f"{name}, {walks}" + (f", {diverging} diverging (dotted)" if diverging else "")
+            yield color, label if number == 0 else None, quality
 
 
 VIO_FIGURES: dict[str, Callable[[list[VioQuality]], Figure]] = {
