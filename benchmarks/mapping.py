@@ -38,10 +38,10 @@ from vioapr.geometry.umeyama import align_umeyama
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
 from vioapr.scene.frames import Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.schemas.map_summary import MapSummary
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory, associate
 
 REDKITCHEN = Intrinsics(341, 256, 280.0, 280.0, 170.5, 128.0)

@@ -37,9 +37,10 @@ from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import tabulate, to_records
 from vioapr.fusion.methods import default_params
 from vioapr.geometry import quaternion
-from vioapr.scene.scene import Scene, World
+from vioapr.scene.scene import Scene
 from vioapr.scene.walks import find_walks
 from vioapr.schemas.base import to_plain
+from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
 
 DOCS = Path(__file__).parents[1] / "docs" / "results" / "regressors.md"

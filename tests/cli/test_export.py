@@ -15,10 +15,10 @@ from vioapr.geometry.rigid import Rigid3  # noqa: E402
 from vioapr.runtime.localizer import OnnxLocalizer  # noqa: E402
 from vioapr.runtime.session import open_session  # noqa: E402
 from vioapr.scene.frames import Tracking  # noqa: E402
-from vioapr.scene.info import RecordingInfo  # noqa: E402
 from vioapr.scene.scene import Scene  # noqa: E402
 from vioapr.scene.writer import RecordingWriter  # noqa: E402
 from vioapr.schemas.contract import Regressor  # noqa: E402
+from vioapr.schemas.recording import RecordingInfo  # noqa: E402
 
 
 @pytest.fixture(scope="module")

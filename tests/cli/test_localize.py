@@ -15,10 +15,10 @@ from tests.localizers import images
 from vioapr.errors import VioAprError
 from vioapr.formats import tum
 from vioapr.scene.frames import Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.schemas.contract import METADATA_KEY
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 pytestmark = pytest.mark.slow

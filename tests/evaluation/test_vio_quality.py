@@ -13,10 +13,10 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.report.figures.vio_quality import vio_distribution_figure, vio_drift_figure
 from vioapr.report.style import render
 from vioapr.scene.frames import Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.schemas.base import to_plain
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory
 
 TURN_Z_90 = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])

@@ -18,7 +18,7 @@ from tests.importers.sources import (
 )
 from tests.scene.scenes import jpeg
 
-from vioapr.errors import FormatError, MissingExtraError
+from vioapr.errors import FileMissingError, FormatError, MissingExtraError
 from vioapr.files.tables import format_rows
 from vioapr.importers.record3d import IMPORTER as RECORD3D
 from vioapr.importers.stray import IMPORTER as STRAY
@@ -118,7 +118,7 @@ def test_stray_broken_frame_number(stray_folder):
 
 
 def test_no_stray_folder(tmp_path):
-    with pytest.raises(FormatError, match=r"odometry.csv: expected a file, found none"):
+    with pytest.raises(FileMissingError, match=r"odometry.csv: expected a file, found none"):
         read_walks(STRAY, tmp_path)
 
 

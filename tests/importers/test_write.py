@@ -8,14 +8,15 @@ import pytest
 from tests.importers.sources import COUNT, make_images, make_stray, read_walks, texts
 from tests.scene.scenes import jpeg, make_scene
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import DiskFullError, FormatError, ParameterError
 from vioapr.importers.base import ImportedScene, Walk, flat_names, id_of
 from vioapr.importers.diagnostics import judge
 from vioapr.importers.images import IMPORTER as IMAGES
 from vioapr.importers.stray import IMPORTER as STRAY
 from vioapr.importers.write import open_or_create, write_walk
 from vioapr.scene.check import check_scene
-from vioapr.scene.scene import Scene, World
+from vioapr.scene.scene import Scene
+from vioapr.schemas.scene import World
 
 
 @pytest.fixture
@@ -131,7 +132,7 @@ def test_a_full_disk_leaves_the_scene_as_it_was(bytes_left, scene, tmp_path, mon
         return taken
 
     monkeypatch.setattr("vioapr.files.append_table.os.write", full)
-    with pytest.raises(FormatError, match="cannot be written: No space left on device"):
+    with pytest.raises(DiskFullError, match="cannot be written: No space left on device"):
         write()
     monkeypatch.undo()
     assert snapshot(scene) == before

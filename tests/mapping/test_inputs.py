@@ -5,9 +5,9 @@ from vioapr.errors import MappingError
 from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.inputs import collect_images
 from vioapr.scene.frames import Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.simulation.rooms import ROOM_CAMERA
 
 PICTURE = np.zeros((240, 320), dtype=np.uint8)

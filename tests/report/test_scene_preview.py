@@ -3,7 +3,8 @@
 import numpy as np
 
 from vioapr.report.scene_preview import route_map
-from vioapr.scene.scene import Scene, World
+from vioapr.scene.scene import Scene
+from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
 
 

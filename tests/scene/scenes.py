@@ -10,9 +10,9 @@ from PIL import Image
 
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory
 
 CAMERA = Intrinsics(16, 12, 20.0, 20.0, 8.0, 6.0)

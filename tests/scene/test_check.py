@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from tests.scene.scenes import edit, jpeg, make_scene, write_recording
 
-from vioapr.errors import FormatError
+from vioapr.errors import FileMissingError
 from vioapr.formats.registry import FORMATS
 from vioapr.scene.check import check_scene, count_frames
 from vioapr.scene.frames import Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory
 
 
@@ -271,5 +271,5 @@ def test_an_empty_scene(tmp_path):
 
 
 def test_no_scene(tmp_path):
-    with pytest.raises(FormatError, match="expected a scene's folder"):
+    with pytest.raises(FileMissingError, match="expected a scene's folder"):
         check_scene(tmp_path / "none")

@@ -7,8 +7,10 @@ import pytest
 
 from vioapr.importers.registry import IMPORTERS
 from vioapr.scene import frames, sensors
-from vioapr.scene.info import RecordingInfo, read_info
-from vioapr.scene.scene import GeodeticOrigin, Scene
+from vioapr.scene.recording import read_info
+from vioapr.scene.scene import Scene
+from vioapr.schemas.recording import RecordingInfo
+from vioapr.schemas.scene import GeodeticOrigin
 
 
 @pytest.fixture
@@ -31,8 +33,10 @@ def test_scene_toml(text, tmp_path: Path):
 
 def test_recording_json(text, tmp_path: Path):
     (tmp_path / "recording.json").write_text(block(text, "json"), encoding="utf-8")
-    assert read_info(tmp_path / "recording.json") == RecordingInfo("iPhone 14 Pro", "ARKit")
-    for name in vars(RecordingInfo()):
+    assert read_info(tmp_path / "recording.json") == RecordingInfo(
+        device="iPhone 14 Pro", tracker="ARKit"
+    )
+    for name in set(RecordingInfo.__struct_fields__) - {"conventions"}:
         assert f"| `{name}` |" in text
 
 

@@ -1,4 +1,4 @@
-"""Whatever is in a scene's files, reading and checking end in an answer or a FormatError."""
+"""Whatever is in a scene's files, reading and checking end in an answer or a FileError."""
 
 import shutil
 
@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.scene.scenes import make_scene
 
-from vioapr.errors import FormatError
+from vioapr.errors import FileError
 from vioapr.scene.check import check_scene
 from vioapr.scene.recording import Recording
 from vioapr.scene.scene import Scene
@@ -58,11 +58,11 @@ def test_damage_anywhere(original, file, at, cut, piece):
     try:
         problems = check_scene(damaged, decode=True).errors
         summarize_scene(Scene.open(damaged))
-    except FormatError:
+    except FileError:
         pass
     try:
         recording = Recording.open(damaged / "recordings/walk-1")
         _ = recording.frames, recording.heading
-    except FormatError:
+    except FileError:
         # What cannot be read is found by the check.
         assert problems is None or problems

@@ -5,9 +5,9 @@ import json
 import pytest
 from tests.scene.scenes import edit, jpeg, write_recording
 
-from vioapr.errors import FormatError
-from vioapr.scene.info import RecordingInfo, read_info, write_info
-from vioapr.scene.recording import Recording
+from vioapr.errors import FileError, FileMissingError, FormatError, VersionError
+from vioapr.scene.recording import Recording, read_info, write_info
+from vioapr.schemas.recording import RecordingInfo
 
 
 @pytest.fixture
@@ -81,20 +81,23 @@ def test_a_torn_sensor_line_is_passed_over(folder):
 
 
 def test_no_recording(tmp_path):
-    with pytest.raises(FormatError, match="expected a recording's folder, found none"):
+    with pytest.raises(FileMissingError, match="expected a recording's folder, found none"):
         Recording.open(tmp_path / "none")
-    with pytest.raises(FormatError, match=r"recording.json: expected a file, found none"):
+    with pytest.raises(FileMissingError, match=r"recording.json: expected a file, found none"):
         Recording.open(tmp_path)
 
 
 def test_no_frames_table(folder):
     (folder / "frames.csv").unlink()
-    with pytest.raises(FormatError, match=r"frames.csv: expected a file, found none"):
+    with pytest.raises(FileMissingError, match=r"frames.csv: expected a file, found none"):
         _ = Recording.open(folder).frames
 
 
 def test_info_round_trip(tmp_path):
-    info = RecordingInfo("Pixel", "ARCore", "test", False, "frame-rate", False, False, True, ("é",))
+    info = RecordingInfo(
+        device="Pixel", tracker="ARCore", source="test", has_images=False, clock="frame-rate",
+        is_metric=False, is_gravity_aligned=False, is_diverging=True, notes=("é",),
+    )  # fmt: skip
     write_info(tmp_path / "recording.json", info)
     assert read_info(tmp_path / "recording.json") == info
 
@@ -110,15 +113,51 @@ def test_members_that_lack_have_defaults(tmp_path):
     [
         ({"format": "other"}, 'expected "format": "vioapr recording", got \'other\''),
         ({"version": 2}, "expected version 1, got 2"),
-        ({"conventions": {"pose": "cam_from_vio"}}, "expected the conventions"),
-        ({"device": 3}, 'expected "device" to be text, got 3'),
-        ({"has_images": "yes"}, 'expected "has_images" to be true or false'),
-        ({"clock": "sundial"}, 'expected "clock" to be "device" or "frame-rate"'),
-        ({"notes": ["a", 1]}, 'expected "notes" to be a list of texts'),
+        ({"conventions": {"colour": "blue"}}, "conventions: expected only pose, .*got 'colour'"),
+        (
+            {"conventions": {"pose": "cam_from_vio"}},
+            "conventions.pose: expected 'vio_from_cam'",
+        ),
+        ({"device": 3}, "device: expected text, got 3"),
+        ({"has_images": "yes"}, "has_images: expected true or false, got 'yes'"),
+        ({"clock": "sundial"}, "clock: expected 'device' or 'frame-rate', got 'sundial'"),
+        ({"notes": ["a", 1]}, r"notes\[1\]: expected text, got 1"),
     ],
 )
 def test_malformed_info(change, problem, folder):
     path = folder / "recording.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
-    with pytest.raises(FormatError, match=problem):
+    with pytest.raises(FileError, match=f"recording.json: {problem}") as error:
         Recording.open(folder)
+    assert isinstance(error.value, VersionError) == ("version" in change)
+
+
+def test_what_is_written_is_for_people_and_names_its_conventions(tmp_path):
+    write_info(tmp_path / "recording.json", RecordingInfo(device="é", notes=("a",)))
+    written = (tmp_path / "recording.json").read_text()
+    assert (
+        written
+        == """{
+  "format": "vioapr recording",
+  "version": 1,
+  "conventions": {
+    "pose": "vio_from_cam",
+    "vio_axes": "right-handed, y up",
+    "cam_axes": "x right, y down, z forward",
+    "quaternion": "Hamilton, x y z w",
+    "units": "metres, seconds, pixels"
+  },
+  "device": "é",
+  "tracker": "",
+  "source": "",
+  "has_images": true,
+  "clock": "device",
+  "is_metric": true,
+  "is_gravity_aligned": true,
+  "is_diverging": false,
+  "notes": [
+    "a"
+  ]
+}
+"""
+    )

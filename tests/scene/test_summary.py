@@ -5,10 +5,10 @@ import pytest
 from tests.scene.scenes import edit, jpeg, make_scene, pose
 
 from vioapr.scene.frames import Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.summary import summarize_scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ import pytest
 from PIL import Image
 from tests.scene.scenes import CAMERA, jpeg, pose, write_recording
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import AlreadyExistsError, DiskFullError, ParameterError
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Frames, Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.recording import Recording
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 
 
 @pytest.fixture
@@ -126,13 +126,13 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(arguments, problem, wr
 
 def test_a_second_image_of_a_name_is_refused(writer):
     writer.add_frame(1.0, "a.jpg", jpeg(), Tracking.NORMAL, pose())
-    with pytest.raises(FormatError, match="but it exists"):
+    with pytest.raises(AlreadyExistsError, match="but it exists"):
         writer.add_frame(2.0, "a.jpg", jpeg(), Tracking.NORMAL, pose())
 
 
 def test_a_recording_is_never_overwritten(tmp_path):
     folder = write_recording(tmp_path / "walk", 3)
-    with pytest.raises(FormatError, match=r"frames.csv: expected to write a new file"):
+    with pytest.raises(AlreadyExistsError, match=r"frames.csv: expected to write a new file"):
         RecordingWriter(folder, RecordingInfo())
     assert len(Recording.open(folder).frames) == 3
 
@@ -155,7 +155,7 @@ def fill_disk_after(monkeypatch, bytes_left):
 def test_a_full_disk_loses_the_frame_being_written_only(bytes_left, writer, tmp_path, monkeypatch):
     writer.add_frame(0, "a.jpg", jpeg(), Tracking.NORMAL, pose())
     fill_disk_after(monkeypatch, bytes_left)
-    with pytest.raises(FormatError, match="cannot be written: No space left on device"):
+    with pytest.raises(DiskFullError, match="cannot be written: No space left on device"):
         writer.add_frame(1, "b.jpg", jpeg(), Tracking.NORMAL, pose())
     monkeypatch.undo()
     recording = Recording.open(tmp_path / "walk")
@@ -171,7 +171,7 @@ import sys
 from pathlib import Path
 from tests.scene.scenes import jpeg, pose
 from vioapr.scene.frames import Tracking
-from vioapr.scene.info import RecordingInfo
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.scene.writer import RecordingWriter
 writer = RecordingWriter(Path(sys.argv[1]), RecordingInfo())
 for k in range(10**9):

@@ -20,6 +20,7 @@ from vioapr.report.style import render
 from vioapr.scene.check import check_scene, count_frames
 from vioapr.scene.scene import SPLITS, Scene
 from vioapr.scene.summary import RecordingSummary, SceneSummary, summarize_scene
+from vioapr.schemas.base import to_plain
 
 _BAR_WIDTH = 40
 _MAX_NAMED = 3
@@ -91,7 +92,8 @@ def scene_info(
         write_bytes(figure, svg if figure.suffix.lower() == ".svg" else png)
         console.print(f"{figure}: walking speeds", soft_wrap=True)
     if json_out is not None:
-        write_text(json_out, json.dumps([_to_json(s) for s in summaries], indent=1) + "\n")
+        records = [to_plain(summary.to_record()) for summary in summaries]
+        write_text(json_out, json.dumps(records, indent=1) + "\n")
 
 
 def _print_table(summaries: Sequence[SceneSummary]) -> None:
@@ -186,22 +188,3 @@ def _panels(summaries: Sequence[SceneSummary]) -> dict[str, dict[str, Any]]:
                 for split in SPLITS
             }
     return panels
-
-
-def _to_json(summary: SceneSummary) -> dict[str, Any]:
-    extent = summary.extent_m
-    return {
-        "name": summary.name,
-        "is_outdoor": summary.is_outdoor,
-        "images": {split: summary.images(split) for split in SPLITS},
-        "extent_m": None if extent is None else extent[0].tolist(),
-        "extent_of": None if extent is None else extent[1],
-        "recordings": [
-            {
-                **{k: v for k, v in vars(r).items() if k not in ("speeds_m_s", "extent_m")},
-                "extent_m": None if r.extent_m is None else r.extent_m.tolist(),
-                "median_speed_m_s": float(np.median(r.speeds_m_s)) if len(r.speeds_m_s) else None,
-            }
-            for r in summary.recordings
-        ],
-    }

@@ -8,7 +8,7 @@ import re
 import zlib
 from pathlib import Path
 
-from vioapr.errors import FormatError, UnreadableError
+from vioapr.errors import FileMissingError, FormatError, UnreadableError
 from vioapr.files.atomic import write_atomically
 
 
@@ -83,6 +83,23 @@ def is_folder(path: Path) -> bool:
         return path.is_dir()
     except (OSError, ValueError):
         return False
+
+
+def require_folder(path: Path, what: str) -> None:
+    """See that a folder is there.
+
+    Args:
+        path: The folder.
+        what: Its content, for messages.
+
+    Raises:
+        FileMissingError: There is nothing of this name.
+        FormatError: It is a file.
+    """
+    if not path.exists():
+        raise FileMissingError(path, f"expected {what}, found none of this name")
+    if not path.is_dir():
+        raise FormatError(path, f"expected {what}, found a file")
 
 
 def plain_name(path: Path) -> str:

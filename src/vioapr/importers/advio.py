@@ -27,7 +27,7 @@ from vioapr.importers.base import (
     one_walk,
     tracking_of,
 )
-from vioapr.scene.info import RecordingInfo
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory
 
 _TRACKERS = {"arkit": ("iPhone 6s", "ARKit"), "arcore": ("Google Pixel", "ARCore")}

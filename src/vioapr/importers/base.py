@@ -17,9 +17,9 @@ from vioapr.files.images import IMAGE_SUFFIXES
 from vioapr.files.text import natural_key
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
-from vioapr.scene.scene import World
 from vioapr.scene.sensors import Gnss, Heading, Imu
+from vioapr.schemas.recording import RecordingInfo
+from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
 
 Image = Path | str | bytes | NDArray[np.uint8] | None

@@ -21,7 +21,7 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.labelled import labelled_walk
 from vioapr.scene.frames import Intrinsics
-from vioapr.scene.scene import World
+from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
 
 _RATE_HZ = 2.0

@@ -26,7 +26,7 @@ from vioapr.importers.base import (
     tracking_of,
 )
 from vioapr.importers.diagnostics import turn_y_up
-from vioapr.scene.info import RecordingInfo
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory, nearest_rows
 
 _DEFAULT_RATE_HZ = 1.0

@@ -18,7 +18,7 @@ from vioapr.importers.base import (
     tracking_of,
 )
 from vioapr.scene.frames import Intrinsics
-from vioapr.scene.info import RecordingInfo
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory
 
 

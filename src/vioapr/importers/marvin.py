@@ -35,8 +35,8 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.diagnostics import map_up
 from vioapr.importers.marvin_sensors import add_sensors
-from vioapr.scene.info import RecordingInfo
-from vioapr.scene.scene import World
+from vioapr.schemas.recording import RecordingInfo
+from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
 
 _SPLITS = {"train": "train.txt", "test": "test.txt"}

@@ -23,8 +23,8 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.diagnostics import turn_y_up
 from vioapr.scene.frames import Intrinsics
-from vioapr.scene.info import RecordingInfo
 from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
+from vioapr.schemas.recording import RecordingInfo
 
 _FILE = "transforms.json"
 _DEFAULT_RATE_HZ = 1.0

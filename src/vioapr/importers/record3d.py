@@ -26,8 +26,8 @@ from vioapr.importers.base import (
     tracking_of,
 )
 from vioapr.scene.frames import Intrinsics
-from vioapr.scene.info import RecordingInfo
 from vioapr.schemas.foreign_json import as_numbers, load_object
+from vioapr.schemas.recording import RecordingInfo
 
 _METADATA = ("metadata", "metadata.json")
 _IMAGE_FOLDERS = ("rgbd", "rgb")

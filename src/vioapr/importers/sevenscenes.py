@@ -20,7 +20,7 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.labelled import labelled_walk
 from vioapr.scene.frames import Intrinsics
-from vioapr.scene.scene import World
+from vioapr.schemas.scene import World
 
 _RATE_HZ = 30.0
 _POSES = "*.pose.txt"

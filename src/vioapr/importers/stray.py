@@ -33,8 +33,8 @@ from vioapr.importers.base import (
 from vioapr.importers.device import imu_of_device
 from vioapr.importers.video import count_video_frames, read_video
 from vioapr.scene.frames import Intrinsics
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.sensors import Imu
+from vioapr.schemas.recording import RecordingInfo
 
 _ODOMETRY, _MATRIX, _IMU, _VIDEO = "odometry.csv", "camera_matrix.csv", "imu.csv", "rgb.mp4"
 _IMAGE_FOLDERS = ("rgb", "images", "color")

@@ -25,7 +25,7 @@ from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import tilt_deg
 from vioapr.mapping.registration import RegisteredImage
 from vioapr.mapping.vio_interpolation import interpolate_by_vio
-from vioapr.scene.scene import GeodeticOrigin, Scene, World
+from vioapr.scene.scene import Scene
 from vioapr.schemas.base import encode
 from vioapr.schemas.map_summary import (
     CameraSummary,
@@ -36,6 +36,7 @@ from vioapr.schemas.map_summary import (
     RecordingSummary,
     WorldSummary,
 )
+from vioapr.schemas.scene import GeodeticOrigin, World
 from vioapr.trajectory import Trajectory
 from vioapr.work.steps import Steps
 

@@ -16,7 +16,6 @@ from vioapr.files.images import IMAGE_SUFFIXES, decode_problem, probe_image
 from vioapr.formats.registry import read_trajectory
 from vioapr.scene.divergence import find_divergence
 from vioapr.scene.frames import Frames, Tracking, read_frame_blocks
-from vioapr.scene.info import RecordingInfo, read_info
 from vioapr.scene.recording import (
     FRAMES_FILE,
     GNSS_FILE,
@@ -24,9 +23,11 @@ from vioapr.scene.recording import (
     IMAGES_FOLDER,
     IMU_FILE,
     INFO_FILE,
+    read_info,
 )
 from vioapr.scene.scene import GT_FOLDER, RECORDINGS_FOLDER, SCENE_FILE, SPLITS, Scene
 from vioapr.scene.sensors import read_gnss, read_heading, read_imu
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, nearest_rows
 
 _SENSORS = {IMU_FILE: read_imu, GNSS_FILE: read_gnss, HEADING_FILE: read_heading}

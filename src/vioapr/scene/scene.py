@@ -6,46 +6,21 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from vioapr.errors import AlreadyExistsError, FormatError, ParameterError, UnwritableError
-from vioapr.files.text import read_text, write_text
+from vioapr.errors import AlreadyExistsError, FormatError, ParameterError
+from vioapr.files.text import read_text, require_folder, write_text
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
 from vioapr.scene.recording import Recording
+from vioapr.schemas.base import check_version, convert, to_plain
+from vioapr.schemas.scene import SceneDocument, World
 from vioapr.trajectory import Trajectory
 
 SCENE_FILE, RECORDINGS_FOLDER, GT_FOLDER, MAP_FOLDER = "scene.toml", "recordings", "gt", "map"
 SPLITS = ("train", "test")
-VERSION = 1
-_KEYS = {"version", "name", "is_outdoor", "splits", "excluded", "world"}
-
-
-@dataclass(frozen=True)
-class GeodeticOrigin:
-    """Where the world's origin is on the earth, WGS 84; its x is east and its y is north."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class World:
-    """The frame of map and ground truth: right-handed, z up.
-
-    Attributes:
-        is_metric: Whether lengths are metres.
-        is_gravity_aligned: Whether z is up along gravity.
-        origin: Of a georeferenced world, or None.
-    """
-
-    is_metric: bool = True
-    is_gravity_aligned: bool = True
-    origin: GeodeticOrigin | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +41,15 @@ class Scene:
     is_outdoor: bool
     splits: Mapping[str, Sequence[str]] = field(default_factory=lambda: dict.fromkeys(SPLITS, ()))
     excluded: Mapping[str, str] = field(default_factory=dict)
-    world: World = World()
+    world: World = field(default_factory=World)
 
     @staticmethod
     def create(folder: Path, name: str, *, is_outdoor: bool, world: World | None = None) -> Scene:
         """Make an empty scene.
 
         Raises:
-            FormatError: There is one already, or it cannot be written.
+            AlreadyExistsError: There is one already.
+            UnwritableError: It cannot be written.
         """
         folder = Path(folder)
         if (folder / SCENE_FILE).exists():
@@ -89,14 +65,19 @@ class Scene:
         """Open a scene.
 
         Raises:
-            FormatError: It is not there, or its `scene.toml` is broken.
+            FileMissingError: It is not there, or its `scene.toml` is not.
+            FormatError: It is no folder, or its `scene.toml` is broken.
+            VersionError: Its `scene.toml` is of a later version.
         """
         folder = Path(folder)
-        if not folder.is_dir():
-            found = "a file" if folder.exists() else "none of this name"
-            raise FormatError(folder, f"expected a scene's folder, found {found}")
+        require_folder(folder, "a scene's folder")
         path = folder / SCENE_FILE
-        return _from_document(folder, _load(path).unwrap())
+        content = _load_toml(path).unwrap()
+        check_version(path, content, SceneDocument)
+        members = {key: value for key, value in content.items() if key != "version"}
+        read = convert(path, members, SceneDocument)
+        splits = {"train": read.splits.train, "test": read.splits.test}
+        return Scene(folder, read.name, read.is_outdoor, splits, read.excluded, read.world)
 
     @property
     def recording_ids(self) -> list[str]:
@@ -151,11 +132,9 @@ class Scene:
         """Write a recording's ground truth; what was there is replaced as a whole.
 
         Raises:
-            FormatError: It cannot be written; what was there stays.
+            UnwritableError: It cannot be written; what was there stays.
         """
-        path = self.gt_path(id_)
-        partial = path.with_name(f".{path.name}.partial")
-        _replace(partial, path, lambda: tum.write(partial, world_from_cam))
+        tum.write(self.gt_path(id_), world_from_cam)
 
     def with_recording(self, id_: str, split: str | None) -> Scene:
         """The scene with a recording in a split, or, if None, in neither."""
@@ -176,16 +155,30 @@ class Scene:
         return replace(scene, excluded={**scene.excluded, id_: why})
 
     def save(self) -> None:
-        """Write `scene.toml`; comments in it stay.
+        """Write `scene.toml`; comments in it, and the order of its members, stay.
 
         Raises:
-            FormatError: It cannot be written; what was there stays.
+            FileError: It cannot be read or written; what was there stays.
         """
         path = self.folder / SCENE_FILE
-        document = _load(path) if path.exists() else tomlkit.document()
-        _update(document, self)
-        partial = path.with_name(f".{path.name}.partial")
-        _replace(partial, path, lambda: write_text(partial, tomlkit.dumps(document)))
+        document = _load_toml(path) if path.exists() else tomlkit.document()
+        document["version"] = SceneDocument.VERSION
+        document["name"] = self.name
+        document["is_outdoor"] = self.is_outdoor
+        splits = tomlkit.table()
+        for split in SPLITS:
+            ids = tomlkit.array()
+            ids.extend(self.splits.get(split, ()))
+            splits[split] = ids.multiline(len(ids) > 4)
+        document["splits"] = splits
+        if self.excluded or "excluded" in document:
+            document["excluded"] = dict(self.excluded)
+        world = tomlkit.table()
+        for key, value in to_plain(self.world).items():
+            if value is not None:
+                world[key] = value
+        document["world"] = world
+        write_text(path, tomlkit.dumps(document))
 
 
 def check_id(id_: str) -> str:
@@ -201,98 +194,10 @@ def check_id(id_: str) -> str:
     return id_
 
 
-def _replace(partial: Path, path: Path, write) -> None:
-    """Write to another name first, so that a full disk or a crash spares what was there."""
-    try:
-        write()
-        partial.replace(path)
-    except OSError as error:
-        raise UnwritableError.of(path, error) from None
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _load(path: Path) -> tomlkit.TOMLDocument:
+def _load_toml(path: Path) -> tomlkit.TOMLDocument:
+    """The document with its comments."""
     try:
         return tomlkit.parse(read_text(path))
     except TOMLKitError as error:
         line = getattr(error, "line", None)
         raise FormatError(path, f"expected TOML: {error}", line) from None
-
-
-def _update(document: tomlkit.TOMLDocument, scene: Scene) -> None:
-    """Put a scene's values into a document, whatever else it has."""
-    document["version"] = VERSION
-    document["name"] = scene.name
-    document["is_outdoor"] = scene.is_outdoor
-    splits = tomlkit.table()
-    for split in SPLITS:
-        ids = tomlkit.array()
-        ids.extend(scene.splits.get(split, ()))
-        splits[split] = ids.multiline(len(ids) > 4)
-    document["splits"] = splits
-    if scene.excluded or "excluded" in document:
-        document["excluded"] = dict(scene.excluded)
-    world = tomlkit.table()
-    world["is_metric"] = scene.world.is_metric
-    world["is_gravity_aligned"] = scene.world.is_gravity_aligned
-    if scene.world.origin is not None:
-        world["origin"] = vars(scene.world.origin)
-    document["world"] = world
-
-
-def _from_document(folder: Path, content: dict[str, Any]) -> Scene:
-    path = folder / SCENE_FILE
-
-    def take(table: dict[str, Any], key: str, kind: type, default: Any = None) -> Any:
-        value = table.get(key, default)
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if not isinstance(value, kind):
-            names = {str: "text", bool: "true or false", dict: "a table", float: "a number"}
-            found = "nothing" if value is None else repr(value)
-            raise FormatError(path, f"expected {key} to be {names[kind]}, got {found}")
-        return value
-
-    if content.get("version") != VERSION:
-        problem = f"expected version = {VERSION}, got {content.get('version')!r}: a newer vioapr's?"
-        raise FormatError(path, problem)
-    unknown = sorted(set(content) - _KEYS)
-    if unknown:
-        raise FormatError(path, f"expected only {', '.join(sorted(_KEYS))}, got {unknown[0]!r}")
-    world = take(content, "world", dict, {})
-    origin = take(world, "origin", dict, {})
-    return Scene(
-        folder,
-        take(content, "name", str),
-        take(content, "is_outdoor", bool),
-        _take_splits(path, take(content, "splits", dict, {})),
-        _take_excluded(path, take(content, "excluded", dict, {})),
-        World(
-            take(world, "is_metric", bool, True),
-            take(world, "is_gravity_aligned", bool, True),
-            GeodeticOrigin(
-                take(origin, "latitude_deg", float),
-                take(origin, "longitude_deg", float),
-                take(origin, "altitude_m", float, 0.0),
-            )
-            if origin
-            else None,
-        ),
-    )
-
-
-def _take_splits(path: Path, table: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    for split, ids in table.items():
-        if split not in SPLITS:
-            raise FormatError(path, f"expected the splits {', '.join(SPLITS)}, got {split!r}")
-        if not isinstance(ids, list) or not all(isinstance(id_, str) for id_ in ids):
-            raise FormatError(path, f"expected splits.{split} to be a list of ids, got {ids!r}")
-    return {split: tuple(table.get(split, ())) for split in SPLITS}
-
-
-def _take_excluded(path: Path, table: dict[str, Any]) -> dict[str, str]:
-    for id_, why in table.items():
-        if not isinstance(why, str):
-            raise FormatError(path, f"expected excluded.{id_} to be a reason, got {why!r}")
-    return dict(table)

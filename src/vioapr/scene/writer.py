@@ -16,7 +16,6 @@ from vioapr.files.tables import format_field
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene import sensors
 from vioapr.scene.frames import HEADER, Frames, Intrinsics, Tracking, find_name_problem
-from vioapr.scene.info import RecordingInfo, write_info
 from vioapr.scene.recording import (
     FRAMES_FILE,
     GNSS_FILE,
@@ -24,7 +23,9 @@ from vioapr.scene.recording import (
     IMAGES_FOLDER,
     IMU_FILE,
     INFO_FILE,
+    write_info,
 )
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import UNIT_TOLERANCE
 
 

@@ -8,8 +8,9 @@ over. A document is a record with a file of its own: it says its format and vers
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -51,7 +52,7 @@ def convert(where: object, value: object, kind: type[RecordType]) -> RecordType:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        raise FormatError(str(where), _in_our_words(error)) from None
+        raise FormatError(str(where), _in_our_words(error, value, kind)) from None
 
 
 def decode(where: object, text: str | bytes, kind: type[RecordType]) -> RecordType:
@@ -142,9 +143,54 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def _in_our_words(error: msgspec.ValidationError) -> str:
-    """Msgspec's message with the member in front: `splits.train: expected ...`."""
+_KINDS: dict[str, tuple[str, type]] = {
+    "str": ("text", str),
+    "bool": ("true or false", bool),
+    "int": ("a whole number", int),
+    "float": ("a number", float),
+    "array": ("a list", list),
+    "object": ("a table", dict),
+    "null": ("nothing", type(None)),
+}
+"""Msgspec's names of kinds of values, with our words and Python's types."""
+
+
+def _in_our_words(error: msgspec.ValidationError, value: Any, kind: Any) -> str:
+    """Msgspec's message with the member in front, and the value: `name: expected text, got 3`."""
     message, _, place = str(error).partition(" - at `$")
-    member = place.strip("`").removeprefix(".")
-    message = message[:1].lower() + message[1:]
+    mismatch = re.fullmatch(r"Expected `(.+)`, got `(\w+)`", message)
+    member = ""
+    for step in re.findall(r"\.[^.\[]+|\[\d+\]|\[\.{3}\]", place.strip("`")):
+        if step == "[...]":  # some member of a table: the first with a value of the kind found
+            found = _KINDS.get(mismatch[2], ("", object))[1] if mismatch else object
+            key = next((k for k, v in value.items() if type(v) is found), None)
+            if key is None:
+                return f"{member.removeprefix('.')}: {message[:1].lower()}{message[1:]}"
+            step = f".{key}"
+        member += step
+        is_index = step.startswith("[")
+        value = value[int(step[1:-1]) if is_index else step[1:]]
+        fields = {} if is_index or not _is_record(kind) else _fields(kind)
+        kind = fields[step[1:]].type if step[1:] in fields else None
+    shown = repr(value)[:80]
+    if mismatch:
+        kinds = [_KINDS.get(name.strip(), (name, object))[0] for name in mismatch[1].split("|")]
+        message = f"expected {' or '.join(kinds)}, got {shown}"
+    elif message.startswith("Invalid enum value") and (choices := get_args(kind)):
+        message = f"expected {' or '.join(map(repr, choices))}, got {shown}"
+    elif missing := re.fullmatch(r"Object missing required field `(.+)`", message):
+        message = f"expected a member {missing[1]!r}, found none"
+    elif (unknown := re.search(r"unknown field `(.+)`", message)) and _is_record(kind):
+        message = f"expected only {', '.join(_fields(kind))}, got {unknown[1]!r}"
+    else:
+        message = message[:1].lower() + message[1:]
+    member = member.removeprefix(".")
     return f"{member}: {message}" if member else message
+
+
+def _is_record(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def _fields(kind: type[msgspec.Struct]) -> dict[str, msgspec.structs.FieldInfo]:
+    return {field.encode_name: field for field in msgspec.structs.fields(kind)}

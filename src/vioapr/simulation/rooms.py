@@ -18,9 +18,9 @@ from vioapr.geometry import quaternion
 from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.simulation.handheld import look_at, looking
 from vioapr.simulation.trackers import track_without_drift, tracking_world
 from vioapr.trajectory import Trajectory
@@ -170,7 +170,8 @@ def add_recording(
     Returns:
         The scene with the recording, but without its ground truth.
     """
-    with RecordingWriter(scene.recording_folder(id_), RecordingInfo("phone", "ARKit")) as writer:
+    info = RecordingInfo(device="phone", tracker="ARKit")
+    with RecordingWriter(scene.recording_folder(id_), info) as writer:
         for row, time_s in enumerate(gt.timestamp_s):
             image = render(room, camera, gt.target_from_source.at(row))
             name, vio = names.format(row), vio_from_cam.at(row)

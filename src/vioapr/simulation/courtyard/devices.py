@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.geometry import quaternion
-from vioapr.scene.scene import GeodeticOrigin
 from vioapr.scene.sensors import Gnss, Heading, Imu
+from vioapr.schemas.scene import GeodeticOrigin
 from vioapr.simulation.courtyard.walks import IMU_RATE_HZ, Motion
 from vioapr.simulation.handheld import smooth_noise
 

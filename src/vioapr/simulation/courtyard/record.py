@@ -9,9 +9,9 @@ from vioapr.files.images import encode_image
 from vioapr.files.text import write_bytes
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Intrinsics, Tracking
-from vioapr.scene.info import RecordingInfo
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.simulation.courtyard import devices, world
 from vioapr.simulation.courtyard.people import Crowd, figure_meshes
 from vioapr.simulation.courtyard.photography import Photographer

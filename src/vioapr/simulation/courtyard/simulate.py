@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from vioapr.errors import ParameterError, VioAprError
-from vioapr.scene.scene import Scene, World
+from vioapr.scene.scene import Scene
+from vioapr.schemas.scene import World
 from vioapr.simulation.courtyard import devices, world
 from vioapr.simulation.courtyard.context import create_context
 from vioapr.simulation.courtyard.plan import CourtyardParams, Plan, plan_recordings
