@@ -1,4 +1,5 @@
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pytest
 from PIL import Image
 from tests.room import QUICK
 
-from vioapr.errors import FormatError, MappingError
+from vioapr.errors import FormatError, LockedError, MappingError
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.colmap_binary import read as read_model
 from vioapr.geometry import quaternion, rigid
@@ -24,6 +25,7 @@ from vioapr.schemas.base import decode, to_plain
 from vioapr.schemas.map_summary import MapSummary
 from vioapr.simulation.rooms import ROOM_CAMERA, add_recording, textured_room, walk_arc
 from vioapr.simulation.trackers import track_without_drift, tracking_world
+from vioapr.work.locks import locked_folder
 
 pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 
@@ -206,6 +208,15 @@ def test_tracking_lost_throughout(mapped_room, copy_of):
     with pytest.raises(MappingError, match="scale and up are not known"):
         map_scene(scene, QUICK)
     assert (scene.map_folder / "map.json").read_bytes() == before
+
+
+def test_a_scene_is_mapped_by_one_process_at_a_time(mapped_room, copy_of):
+    scene = copy_of(mapped_room[0])
+    with (
+        locked_folder(scene.folder / ".mapping"),
+        pytest.raises(LockedError, match=rf"in use by process {os.getpid()} .* wait until"),
+    ):
+        map_scene(scene, QUICK)
 
 
 def test_an_empty_split_and_recordings_without_images(room, copy_of, tmp_path):

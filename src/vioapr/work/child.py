@@ -66,7 +66,7 @@ def run_in_child(
         log.touch()
         given = (childs_end, log, os.getpid())
         with ProcessPoolExecutor(1, context, _prepare, given) as pool:
-            with _hidden_main():
+            with hidden_main_module():
                 future = pool.submit(_call, function, arguments, options)
             childs_end.close()  # then the child's copy is the last, and its end is seen here
             _count_ticks(reports, tick)
@@ -75,8 +75,15 @@ def run_in_child(
             except VioAprError:
                 raise
             except Exception as error:
+                # What COLMAP, or Python, wrote before the process ended.
                 text = log.read_text(encoding="utf-8", errors="replace")
-                raise MappingError(_explain(text)) from error
+                reasons = re.findall(r"what\(\):\s*(.+)", text)
+                reasons = reasons or re.findall(r"^\w*Error.*", text, re.MULTILINE)
+                reason = reasons[-1].strip() if reasons else "no reason given"
+                raise MappingError(
+                    f"COLMAP's process ended: {reason[:300]}. Is the disk or the memory full? "
+                    "What was finished before is kept: run again to resume"
+                ) from error
 
 
 def _count_ticks(reports: Connection, tick: Tick) -> None:
@@ -96,23 +103,14 @@ def _count_ticks(reports: Connection, tick: Tick) -> None:
 
 
 @contextmanager
-def _hidden_main() -> Iterator[None]:
+def hidden_main_module() -> Iterator[None]:
+    """Hide the main module from processes that are started meanwhile, so they do not run it."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = types.ModuleType("__main__")
     try:
         yield
     finally:
         sys.modules["__main__"] = main
-
-
-def _explain(log: str) -> str:
-    """Say in one sentence what COLMAP wrote before its process ended."""
-    reasons = re.findall(r"what\(\):\s*(.+)", log) or re.findall(r"^\w*Error.*", log, re.MULTILINE)
-    reason = reasons[-1].strip() if reasons else "no reason given"
-    return (
-        f"COLMAP's process ended: {reason[:300]}. Is the disk or the memory full? What was "
-        "finished before is kept: run again to resume"
-    )
 
 
 def _prepare(reports: Connection, log: Path, parent_pid: int) -> None:

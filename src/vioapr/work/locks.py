@@ -63,7 +63,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise LockedError(folder, _in_use_by(path)) from None
+                raise LockedError(folder, describe_holder(path)) from None
             except OSError as error:
                 raise UnwritableError.of(path, error) from None
         now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -79,8 +79,8 @@ def locked_folder(folder: Path) -> Iterator[None]:
         yield
 
 
-def _in_use_by(path: Path) -> str:
-    """Say who holds a lock, and what to do."""
+def describe_holder(path: Path) -> str:
+    """Say who holds a lock, by its file, and what to do."""
     try:
         holder = decode(path, path.read_text(encoding="utf-8"), Holder)
     except (OSError, ValueError, FormatError):  # between taking the lock and saying who
