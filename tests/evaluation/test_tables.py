@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.schemas.validators import validator
 
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks, evaluate_cases
@@ -114,6 +115,11 @@ def test_json_reads_as_the_records_it_was_written_from(groups):
     for record in to_records(groups):
         plain = to_plain(record)
         assert to_plain(convert("here", plain, GroupRecord)) == plain
+
+
+def test_json_is_what_its_schema_accepts(groups):
+    for record in to_records(groups):
+        validator("group-record").validate(to_plain(record))
 
 
 def test_one_call_fuses_and_groups(cases, results, groups):

@@ -1,10 +1,13 @@
 """The emitted schemas accept real files, and refuse what readers refuse."""
 
 import json
+import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
 from scripts.make_schema import FOLDER, all_records, schema_of
+from tests.schemas.validators import validator
 
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
 
@@ -13,11 +16,6 @@ from vioapr.schemas.contract import Contract, parse  # noqa: E402
 
 RECIPE_DATA = Path(__file__).parents[2] / "src" / "vioapr" / "recipes" / "data"
 DOCUMENTS = [kind for kind in all_records() if issubclass(kind, Document)]
-
-
-def validator(name):
-    schema = json.loads((FOLDER / f"{name}.schema.json").read_text())
-    return jsonschema.Draft202012Validator(schema)
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.json")), ids=lambda path: path.name)
@@ -90,3 +88,27 @@ def test_a_contract_without_the_newer_members_is_read():
     contract = parse(json.dumps(head | {"inputs": [spec], "outputs": []}), "old.onnx")
     assert contract.inputs[0].shape == ("height", "width", 3)
     assert (contract.params, contract.method, contract.precision) == ((), None, "fp32")
+
+
+@pytest.fixture(scope="module")
+def demo_scene(tmp_path_factory):
+    """The scene of the demo, as it is shipped."""
+    folder = tmp_path_factory.mktemp("demo")
+    with zipfile.ZipFile(RECIPE_DATA / "courtyard.zip") as archive:
+        archive.extractall(folder)
+    return folder / "courtyard"
+
+
+def test_the_scene_of_the_demo(demo_scene):
+    content = tomllib.loads((demo_scene / "scene.toml").read_text())
+    validator("scene-document").validate(content)
+    with pytest.raises(jsonschema.ValidationError, match="not of type"):
+        validator("scene-document").validate(content | {"is_outdoor": "yes"})
+
+
+def test_the_recording_of_the_demo(demo_scene):
+    (path,) = demo_scene.glob("recordings/*/recording.json")
+    content = json.loads(path.read_text())
+    validator("recording-info").validate(content)
+    with pytest.raises(jsonschema.ValidationError, match="is not one of"):
+        validator("recording-info").validate(content | {"clock": "sundial"})
