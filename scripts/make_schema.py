@@ -66,9 +66,7 @@ def records_in(kind: type[Record]) -> set[type[Record]]:
 def make_texts() -> dict[str, str]:
     """The content of every file, by its name."""
     records = all_records()
-    # Records in records, and those that others extend, are no files of their own.
     inner = {part for kind in records for part in records_in(kind) - {kind}}
-    inner |= {base for kind in records for base in kind.__bases__}
     texts = {}
     for kind in records:
         if issubclass(kind, Document) or kind not in inner:
