@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import tyro
 from rich.table import Table
 from rich.text import Text
 
-from vioapr.cli.console import console, progress
-from vioapr.errors import VioAprError
+from vioapr.cli.console import console, progress, say
+from vioapr.errors import ParameterError, VioAprError
 from vioapr.files.text import write_bytes, write_text
-from vioapr.report.figures.speed import speed_bins, speed_figure
+from vioapr.report.figures.speed import speed_bins, speed_figure, speed_panels
 from vioapr.report.style import render
 from vioapr.scene.check import check_scene, count_frames
 from vioapr.scene.scene import SPLITS, Scene
-from vioapr.scene.summary import RecordingSummary, SceneSummary, summarize_scene
-from vioapr.schemas.base import to_plain
+from vioapr.scene.summary import SceneSummary, summarize_scene
+from vioapr.schemas.base import encode
 
 _BAR_WIDTH = 40
-_MAX_NAMED = 3
 
 
 def scene_check(
@@ -45,11 +43,11 @@ def scene_check(
         report = check_scene(folder, decode=decode, tick=tick)
     for problem in report.problems:
         prefix, style = ("", "red") if problem.is_error else ("note: ", "")
-        console.print(Text(f"{prefix}{problem}", style=style), soft_wrap=True)
+        say(f"{prefix}{problem}", style)
     counts = f"{report.recordings} recordings, {report.frames} frames, {report.images} images"
     if report.errors:
         raise VioAprError(f"{folder}: {len(report.errors)} problems in {counts}")
-    console.print(Text(f"{folder}: {counts}: nothing is wrong", style="green"), soft_wrap=True)
+    say(f"{folder}: {counts}: nothing is wrong", "green")
 
 
 def scene_info(
@@ -70,121 +68,95 @@ def scene_info(
         VioAprError: A scene cannot be read.
     """
     if not folders:
-        raise VioAprError("nothing to look at: name at least one scene's folder")
+        raise ParameterError("folders: expected at least one scene's folder, got none")
     if figure is not None and figure.suffix.lower() not in (".png", ".svg"):
-        raise VioAprError(f"--figure: expected a name ending in .png or .svg, got {figure}")
+        raise ParameterError(f"figure: expected a name ending in .png or .svg, got {figure}")
     summaries = []
     for folder in folders:
         scene = Scene.open(folder)
         with progress(f"reading {folder.name}", count_frames(folder)) as tick:
             summaries.append(summarize_scene(scene, tick))
-    _print_table(summaries)
+    print_scenes(summaries)
     for summary in summaries:
-        _print_recordings(summary)
-        _print_speeds(summary)
-    console.print(
+        print_recordings(summary)
+        print_speeds(summary)
+    say(
         "tracked: share of frames with a tracker's pose. s: duration, ~ where it is counted from "
-        "a frame rate. m: way walked. m/s: median speed. Speeds are of recordings in a split.",
-        soft_wrap=True,
+        "a frame rate. m: way walked. m/s: median speed. Speeds are of recordings in a split."
     )
     if figure is not None:
-        png, svg = render(speed_figure(_panels(summaries)))
+        png, svg = render(speed_figure(speed_panels(summaries)))
         write_bytes(figure, svg if figure.suffix.lower() == ".svg" else png)
-        console.print(f"{figure}: walking speeds", soft_wrap=True)
+        say(f"{figure}: walking speeds")
     if json_out is not None:
-        records = [to_plain(summary.to_record()) for summary in summaries]
-        write_text(json_out, json.dumps(records, indent=1) + "\n")
+        write_text(json_out, encode([s.to_record() for s in summaries], indent=1))
 
 
-def _print_table(summaries: Sequence[SceneSummary]) -> None:
+def print_scenes(summaries: Sequence[SceneSummary]) -> None:
+    """Print a row a scene: the paper's Table 1."""
     table = Table(title="Scenes (the paper's Table 1)", title_justify="left")
     table.add_column("")
     table.add_column("scene")
     for header in ("train images", "test images", "recordings", "extent (m)"):
         table.add_column(header, justify="right")
     for summary in sorted(summaries, key=lambda s: not s.is_outdoor):
+        extent = "not known"
+        if summary.extent_m is not None:
+            size_m, of = summary.extent_m  # width, depth and height of where the cameras were
+            extent = " x ".join(f"{value:.1f}" for value in size_m)
+            extent += "" if of == "gt" else " (one tracker's)"
         table.add_row(
             "outdoor" if summary.is_outdoor else "indoor",
             Text(summary.name),
             *(str(summary.images(split)) for split in SPLITS),
             str(len(summary.recordings)),
-            _extent(summary),
+            extent,
         )
     console.print(table)
 
 
-def _extent(summary: SceneSummary) -> str:
-    """Width x depth x height of where the cameras were."""
-    extent = summary.extent_m
-    if extent is None:
-        return "not known"
-    size, of = extent
-    text = " x ".join(f"{value:.1f}" for value in size)
-    return text if of == "gt" else f"{text} (one tracker's)"
-
-
-def _print_recordings(summary: SceneSummary) -> None:
+def print_recordings(summary: SceneSummary) -> None:
+    """Print a row a recording, and what could not be read."""
     table = Table(title=Text(summary.name), title_justify="left")
     for header in ("recording", "split", "device"):
         table.add_column(header, overflow="fold")
     for header in ("frames", "images", "tracked", "resets", "ground truth", "s", "m", "m/s"):
         table.add_column(header, justify="right", no_wrap=True)
     for recording in summary.recordings:
-        table.add_row(*map(Text, _row(recording)))
+        frames = max(recording.frames, 1)
+        tracked = recording.frames - recording.tracking.get("lost", 0)
+        cells = [
+            recording.id,
+            recording.split or "none",
+            recording.device,
+            str(recording.frames),
+            str(recording.images),
+            f"{tracked / frames:.0%}",
+            str(recording.tracking.get("reset", 0)),
+            f"{recording.gt_frames / frames:.0%}",
+            f"{'' if recording.is_timed else '~'}{recording.duration_s:.0f}",
+        ]
+        if len(recording.speeds_m_s):
+            cells += [f"{recording.path_m:.0f}", f"{np.median(recording.speeds_m_s):.2f}"]
+        else:
+            cells += ["-", "-"]
+        table.add_row(*map(Text, cells))
     console.print(table)
     for recording in summary.recordings:
         if recording.problem:
-            text = f"WARNING {recording.id}: {recording.problem}"
-            console.print(Text(text, style="yellow"), soft_wrap=True)
+            say(f"WARNING {recording.id}: {recording.problem}", "yellow")
 
 
-def _row(recording: RecordingSummary) -> list[str]:
-    lost = recording.tracking.get("lost", 0)
-    share = (recording.frames - lost) / max(recording.frames, 1)
-    has_speed = len(recording.speeds_m_s) > 0
-    return [
-        recording.id,
-        recording.split or "none",
-        recording.device,
-        str(recording.frames),
-        str(recording.images),
-        f"{share:.0%}",
-        str(recording.tracking.get("reset", 0)),
-        f"{recording.gt_frames / max(recording.frames, 1):.0%}",
-        f"{'' if recording.is_timed else '~'}{recording.duration_s:.0f}",
-        f"{recording.path_m:.0f}" if has_speed else "-",
-        f"{np.median(recording.speeds_m_s):.2f}" if has_speed else "-",
-    ]
-
-
-def _print_speeds(summary: SceneSummary) -> None:
-    """A histogram in the terminal."""
+def print_speeds(summary: SceneSummary) -> None:
+    """Print a histogram of walking speeds, if they are known."""
     speeds = summary.speeds_m_s
     if not len(speeds):
         return
     edges = speed_bins(speeds)
     counts, _ = np.histogram(np.minimum(speeds, edges[-1] - 1e-9), edges)
-    table = Table(title=Text(f"{summary.name}: walking speed over 1 s"), title_justify="left",
-                  box=None, show_header=False)  # fmt: skip
+    title = Text(f"{summary.name}: walking speed over 1 s")
+    table = Table(title=title, title_justify="left", box=None, show_header=False)
     for low, count in zip(edges, counts, strict=False):
         bar = "█" * round(_BAR_WIDTH * count / counts.max())
         table.add_row(f"{low:.1f} m/s", Text(bar, style="blue"), f"{count / len(speeds):.0%}")
     console.print(table)
-
-
-def _panels(summaries: Sequence[SceneSummary]) -> dict[str, dict[str, Any]]:
-    """Speeds by split, of outdoor and of indoor scenes."""
-    panels = {}
-    for title, is_outdoor in (("Outdoor", True), ("Indoor", False)):
-        chosen = [summary for summary in summaries if summary.is_outdoor == is_outdoor]
-        if chosen:
-            names = ", ".join(summary.name for summary in chosen[:_MAX_NAMED])
-            names = names if len(chosen) <= _MAX_NAMED else f"{len(chosen)} scenes"
-            panels[f"{title}: {names}"] = {
-                split: np.concatenate(
-                    [np.zeros(0)]
-                    + [r.speeds_m_s for s in chosen for r in s.recordings if r.split == split]
-                )
-                for split in SPLITS
-            }
-    return panels

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vioapr.report.style import Array1, house_style, new_figure
+from vioapr.scene.scene import SPLITS
+from vioapr.scene.summary import SceneSummary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 BIN_M_S = 0.1
 _COLORS = {"train": "#0072b2", "test": "#e69f00"}
 _MAX_M_S = 3.0
+_MAX_NAMED = 3
 
 
 def speed_bins(speeds: Array1) -> Array1:
@@ -22,6 +25,24 @@ def speed_bins(speeds: Array1) -> Array1:
     fastest = float(speeds.max(initial=0.0))
     count = int(np.clip(np.floor(fastest / BIN_M_S) + 1, 5, round(_MAX_M_S / BIN_M_S)))
     return np.linspace(0.0, count * BIN_M_S, count + 1)
+
+
+def speed_panels(summaries: Sequence[SceneSummary]) -> dict[str, dict[str, Array1]]:
+    """Pool the speeds of outdoor and of indoor scenes by split, for `speed_figure`."""
+    panels = {}
+    for title, is_outdoor in (("Outdoor", True), ("Indoor", False)):
+        chosen = [summary for summary in summaries if summary.is_outdoor == is_outdoor]
+        if chosen:
+            names = ", ".join(summary.name for summary in chosen[:_MAX_NAMED])
+            names = names if len(chosen) <= _MAX_NAMED else f"{len(chosen)} scenes"
+            recordings = [recording for summary in chosen for recording in summary.recordings]
+            panels[f"{title}: {names}"] = {
+                split: np.concatenate(
+                    [np.zeros(0), *(r.speeds_m_s for r in recordings if r.split == split)]
+                )
+                for split in SPLITS
+            }
+    return panels
 
 
 def speed_figure(panels: Mapping[str, Mapping[str, Array1]]) -> Figure:
