@@ -1,4 +1,9 @@
-"""The command line: one thin module a verb, one place where errors become one line."""
+"""The command line: one thin module a verb, which parses, calls and prints.
+
+- `verbs`: the table of verbs; `main`: parsing, and errors in one line.
+- `flags`, `method_params`: names of flags, and those of the methods' parameters.
+- `console`: plain lines and progress bars.
+"""
 
 from vioapr.cli.main import main
 

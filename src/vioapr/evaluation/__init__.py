@@ -1,1 +1,5 @@
-"""From fused walks to metrics, tables, figures and a report."""
+"""From fused walks to errors, and to tables of them.
+
+Its face: `accuracy` (a walk in one call), `cases` and `tables` (many walks and methods),
+`metrics`, and `vio_tracks`, `vio_quality` and `vio_tables` for a tracker alone.
+"""

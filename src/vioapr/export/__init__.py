@@ -1,1 +1,4 @@
-"""From a trained regressor and a fusion method to the ONNX files that phones run."""
+"""From a trained regressor and a fusion method to the ONNX files that phones run.
+
+Its face: `exporter`; `quantize` gives it images to calibrate on.
+"""
