@@ -7,17 +7,10 @@ from vioapr.mapping.georeference import (
     geodetic_from_enu,
     georeference,
 )
-from vioapr.schemas.map_summary import GeodeticOrigin, Georeference
+from vioapr.schemas.map_summary import Georeference
+from vioapr.schemas.scene import GeodeticOrigin
 
-
-def at(latitude_deg, longitude_deg, altitude_m=0.0):
-    """A place."""
-    return GeodeticOrigin(
-        latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m
-    )
-
-
-AALTO = at(60.1841, 24.8301, 20.0)
+AALTO = GeodeticOrigin(60.1841, 24.8301, 20.0)
 
 
 pytest.importorskip("pycolmap", reason="pycolmap is not installed")
@@ -41,7 +34,10 @@ def test_earth_centred_coordinates_of_known_places():
     np.testing.assert_allclose(earth_centred_m(90, 0, 100), [0, 0, 6356852.314245], atol=1e-6)
 
 
-@pytest.mark.parametrize("origin", [AALTO, at(-33.9, 151.2), at(0, 180), at(89.99, 10, 50)])
+@pytest.mark.parametrize(
+    "origin",
+    [AALTO, GeodeticOrigin(-33.9, 151.2), GeodeticOrigin(0, 180), GeodeticOrigin(89.99, 10, 50)],
+)
 def test_distances_are_those_of_earth_centred_coordinates(origin, rng):
     spread = rng.uniform(-1, 1, (200, 3)) * [0.005, 0.005, 50]
     middle = np.array([origin.latitude_deg, origin.longitude_deg, origin.altitude_m])
@@ -58,13 +54,13 @@ def test_distances_are_those_of_earth_centred_coordinates(origin, rng):
 
 def test_a_minute_of_latitude_is_a_nautical_mile():
     north = enu_from_geodetic(
-        np.array([45.0 + 1 / 60]), np.array([7.0]), np.array([0.0]), at(45.0, 7.0)
+        np.array([45.0 + 1 / 60]), np.array([7.0]), np.array([0.0]), GeodeticOrigin(45.0, 7.0)
     )[0]
     assert north[1] == pytest.approx(1852, rel=0.001)
     assert abs(north[0]) < 1e-6
 
 
-@pytest.mark.parametrize("origin", [AALTO, at(-33.9, 151.2), at(0, 180)])
+@pytest.mark.parametrize("origin", [AALTO, GeodeticOrigin(-33.9, 151.2), GeodeticOrigin(0, 180)])
 def test_there_and_back(origin, rng):
     offset = 300 * rng.standard_normal(3)
     there = geodetic_from_enu(offset, origin)

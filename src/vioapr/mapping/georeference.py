@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.mapping.colmap import load_pycolmap
-from vioapr.schemas.map_summary import GeodeticOrigin, Georeference
+from vioapr.schemas.map_summary import Georeference
+from vioapr.schemas.scene import GeodeticOrigin
 
 DEFAULT_SIGMA_M = 5.0
 MIN_FIXES = 10

@@ -29,8 +29,8 @@ class CameraGroup(NamedTuple):
     Attributes:
         width: Pixels.
         height: Pixels.
-        fx: Median focal length, pixels; None if not known, as fy, cx and cy.
-        fy: Likewise.
+        fx: Median focal length along x, pixels; None if not known, as fy, cx and cy.
+        fy: Along y.
         cx: Principal point, from the left edge of the image.
         cy: From its top edge.
     """

@@ -15,15 +15,15 @@ class MappingParams:
     Attributes:
         mapper: incremental grows the model image by image and is the more robust; global solves
             all rotations, then all positions at once, and is faster on many images.
-        max_rate_hz: So many images a second of every recording are mapped at most; 0 for all.
-            Frames between them get their ground truth by VIO.
+        max_rate_hz: Largest number of images a second of every recording that are mapped; 0 for
+            all. Frames between them get their ground truth by VIO.
         max_image_size: Images are scaled down to this many pixels along their longer side
             before features are looked for.
         max_features: Features of an image at most.
-        sequential: Every image is matched with so many that follow it in its recording,
-        loops: so many that look alike, of other recordings, other tracking worlds and other
+        sequential: Every image is matched with this many that follow it in its recording,
+        loops: with this many that look alike, of other recordings, other tracking worlds and other
             times, and
-        spatial: so many that are near and look the same way, by VIO and what was matched before.
+        spatial: with this many that are near and look the same way, by VIO and earlier matches.
         refine_intrinsics: Whether focal lengths are adjusted. auto: only those that the
             recordings do not know.
         min_inliers: Points that must agree before an image of a test recording is registered.

@@ -36,7 +36,7 @@ from vioapr.schemas.map_summary import (
     RecordingSummary,
     WorldSummary,
 )
-from vioapr.schemas.scene import GeodeticOrigin, World
+from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
 from vioapr.work.steps import Steps
 
@@ -131,10 +131,7 @@ def publish(
         else:
             scene.write_gt(id_, truth)
     world, geo = results.world, results.world.georeference
-    origin = None
-    if isinstance(geo, Georeference):
-        at = geo.origin
-        origin = GeodeticOrigin(at.latitude_deg, at.longitude_deg, at.altitude_m)
+    origin = geo.origin if isinstance(geo, Georeference) else None
     dataclasses.replace(
         scene, world=World(world.is_metric, world.is_gravity_aligned, origin)
     ).save()

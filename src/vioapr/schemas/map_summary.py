@@ -5,14 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from vioapr.schemas.base import Record
-
-
-class GeodeticOrigin(Record, frozen=True):
-    """Where the world's origin is on the earth, WGS 84."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
+from vioapr.schemas.scene import GeodeticOrigin
 
 
 class Georeference(Record, frozen=True):
