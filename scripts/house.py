@@ -56,7 +56,7 @@ def private_functions(trees: dict[str, ast.Module], sources: dict[str, str]) -> 
         len(re.findall(rf"\b{node.name}\b", sources[name])) - 1
         for name, tree in trees.items()
         for node in tree.body
-        if isinstance(node, Function) and node.name.startswith("_")
+        if isinstance(node, Function) and node.name.startswith("_") and node.name[:2] != "__"
     ]
     share = float(np.mean(np.array(uses) <= 1)) if uses else 0.0
     return {"private functions": len(uses), "called once (share)": round(share, 3)}

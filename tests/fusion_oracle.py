@@ -1,6 +1,6 @@
 """The paper's method as plain if/else code on SciPy rotations, for one walk: the oracle.
 
-Written from the paper (section 3) and the decisions in docs/paper_map.md, without any of the
+Written from the paper (section 3) and the decisions in docs/design/paper_map.md, without any of the
 package's code, so that an error in one of the two shows.
 """
 

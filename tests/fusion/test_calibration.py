@@ -1,7 +1,7 @@
 """The sigmas that consensus states are those of its true errors, over many simulated walks.
 
-They are scales of Student's t with two degrees of freedom (docs/accuracy.md, Calibration). The
-band is as wide as it may be for sigmas that are off by a factor of two to fall outside of it,
+They are scales of Student's t with two degrees of freedom (docs/results/accuracy.md, Calibration).
+The band is as wide as it may be for sigmas that are off by a factor of two to fall outside of it,
 whichever way, wherever in the band the right ones lie.
 """
 

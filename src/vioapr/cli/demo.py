@@ -13,8 +13,8 @@ from vioapr.recipes.demo import unpack_demo
 def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
     """Localize a walk through a courtyard from its pictures, and open the report.
 
-    Pictures, tracker and a localizer for the place come with the package; docs/demo.md says how
-    they were made. Compared are the raw regressor, VIO alone, the paper's method and consensus.
+    Pictures, tracker and a localizer for the place come with the package; docs/guide/demo.md says
+    how they were made. Compared are the raw regressor, VIO alone, the paper's method and consensus.
     The files are like a user's own: try the command that is printed on them, or `vioapr bench`.
 
     Args:

@@ -27,7 +27,7 @@ def import_(
 ) -> None:
     """Import what another app or data set recorded into a scene, and say what was found.
 
-    What each format must hold is in docs/recordings.md.
+    What each format must hold is in docs/reference/scene.md.
 
     Args:
         format: marvin, stray, record3d, advio, nerfstudio (also Polycam), 7scenes, cambridge,

@@ -4,7 +4,7 @@ While aligning, consecutive predictions are compared with VIO until N pairs in a
 these N + 1 frames are keyframes and their means the reference. During the T predictions that
 follow, each is compared with the reference: a keyframe where it agrees, otherwise replaced by
 VIO placed through the reference. Then the method aligns again, to undo VIO's drift; meanwhile
-the last reference carries on (`tracked`). docs/paper_map.md lists how the paper's open
+the last reference carries on (`tracked`). docs/design/paper_map.md lists how the paper's open
 questions are decided.
 """
 

@@ -1,7 +1,7 @@
 """Changes between the axis conventions of other programs and ours.
 
-Ours (docs/conventions.md): `world` metres, z up; `vio` metres, y up; `cam` x right, y down,
-z forward (OpenCV); `arcam` x right, y up, looking along -z (OpenGL, ARKit, ARCore, WebXR).
+Ours (docs/reference/conventions.md): `world` metres, z up; `vio` metres, y up; `cam` x right,
+y down, z forward (OpenCV); `arcam` x right, y up, looking along -z (OpenGL, ARKit, ARCore, WebXR).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A scene's recordings are the folders of its image names. There are no timestamps: frames were
 taken at 1 Hz outdoors and 2 Hz indoors. The files were not at hand when this was written: what
-is taken for granted is in docs/recordings.md, and what can be checked is.
+is taken for granted is in docs/reference/scene.md, and what can be checked is.
 """
 
 from __future__ import annotations

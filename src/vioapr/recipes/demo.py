@@ -1,7 +1,7 @@
 """The demo: a walk through a simulated courtyard, and a localizer of the place.
 
 Both come with the package, the walk's scene as one archive. `scripts/make_demo.py` writes them;
-docs/demo.md says how they were made.
+docs/guide/demo.md says how they were made.
 """
 
 from __future__ import annotations

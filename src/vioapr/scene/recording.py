@@ -28,7 +28,7 @@ _Table = TypeVar("_Table")
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording's folder; see docs/recordings.md. Tables are read when first asked for.
+    """A recording's folder; see docs/reference/scene.md. Tables are read when first asked for.
 
     Attributes:
         folder: Where it is; its name is the recording's id.

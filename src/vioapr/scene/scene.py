@@ -25,7 +25,7 @@ SPLITS = ("train", "test")
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene's folder; see docs/recordings.md.
+    """A scene's folder; see docs/reference/scene.md.
 
     Attributes:
         folder: Where it is.

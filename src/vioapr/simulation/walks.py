@@ -3,7 +3,7 @@
 For a first look without data, for tests and for speed benchmarks. The errors have the shapes
 that real ones have: VIO drifts slowly in heading and scale; a regressor's error is mostly a
 bias that depends on place and view, with heavy tails, and now and then it takes one place for
-another. Accuracy on it says little about real walks; docs/accuracy.md has those.
+another. Accuracy on it says little about real walks; docs/results/accuracy.md has those.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from vioapr.geometry.rigid import Rigid3
 
 _SCALES = np.array([[0.65 * 180 / np.pi], [0.75]])
 """From standard deviations in rad and m to the scales, in deg and m, of the heavy-tailed
-distribution that is stated: Student's t with two degrees of freedom (docs/accuracy.md,
+distribution that is stated: Student's t with two degrees of freedom (docs/results/accuracy.md,
 Calibration)."""
 
 _MEAN = np.full((3, 1), 1 / 3)

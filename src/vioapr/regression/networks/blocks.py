@@ -106,7 +106,7 @@ class InvertedResidual(nn.Module):
         self.is_residual = stride == 1 and inputs == outputs
         if self.is_residual:
             # The block passes its input on at first (Goyal et al., 2017, section 5.1): training
-            # from random weights is much faster with it (docs/regression.md, Figures).
+            # from random weights is much faster with it (docs/results/regressors.md).
             nn.init.zeros_(projection.get_parameter("1.weight"))
 
     def forward(self, features: Tensor) -> Tensor:

@@ -33,7 +33,7 @@ class CourtyardParams:
     """Height of the images."""
     oversampled: bool = False
     """Whether every pixel is the mean of four: features are found more exactly, see
-    docs/simulation.md, and rendering takes two to three times as long."""
+    docs/guide/simulate.md, and rendering takes two to three times as long."""
     people: int = 9
     """Passers-by in each recording."""
     texture_px_per_m: float = 64.0
