@@ -81,7 +81,7 @@ def move_tracker(offset: Rigid3) -> Callable[..., Faulty]:
 
 
 def reset_tracker(walk: Faulty, during: NDArray[np.bool_], rng: np.random.Generator) -> Faulty:
-    """The tracker starts anew at the fault's beginning, without notice.
+    """The tracker starts again at the fault's beginning, without notice.
 
     Position and heading are zero; up stays up, as trackers measure gravity.
     """

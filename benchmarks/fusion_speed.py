@@ -65,7 +65,7 @@ class Config:
     memory_frames: tuple[int, ...] = (1_000, 10_000, 50_000)
     """Walk lengths after which memory is read."""
     isam2_memory_frames: tuple[int, ...] = (1_000, 3_000, 10_000)
-    """Likewise for iSAM2, whose frames take ever longer."""
+    """The same for iSAM2, whose frames take ever longer."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="PART")] = (
         "memory",
         "streaming",

@@ -185,7 +185,7 @@ class Bench:
         return self.source.epoch(next(self.numbers))
 
     def plain(self, number: int) -> Iterator[Batch]:
-        """An epoch, decoded anew, by one of the two plain loaders."""
+        """An epoch, decoded again, by one of the two plain loaders."""
         for tensors in self.loaders[number]:
             images, position, quat = (t.to(self.device, non_blocking=True) for t in tensors)
             scene = torch.zeros(len(images), dtype=torch.int64, device=self.device)

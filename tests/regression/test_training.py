@@ -135,7 +135,7 @@ def test_the_second_stage_teaches_positions_alone(make_run, model):
     assert changed == {
         f"learner.network.{head}.{part}" for head in heads for part in ("weight", "bias")
     }
-    # Its loss is of the position alone, and its learning rate begins anew.
+    # Its loss is of the position alone, and its learning rate begins again.
     assert epochs[2].loss < epochs[1].loss
     assert [record.lr for record in epochs] == pytest.approx([1e-4, 1e-3, 1e-5])
 

@@ -52,7 +52,7 @@ def select(condition: Array, if_true: Array, if_false: Array) -> Array:
     Args:
         condition: Booleans, shape (...).
         if_true: Values, shape (...) followed by any axes.
-        if_false: Values, likewise.
+        if_false: Values of the same shapes.
     """
     xp = namespace(condition, if_true)
     trailing = if_true.ndim - condition.ndim

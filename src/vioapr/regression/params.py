@@ -154,11 +154,11 @@ class TrainingParams:
     compile: bool = False
     """Compile the network first (torch.compile): slow to start, faster after."""
     patience: int = 0
-    """Stop when the validation recordings have not improved for so many epochs; 0: never."""
+    """Stop when the validation recordings have not improved for this many epochs; 0: never."""
     devices: int = 1
     """Processes, each with a GPU, or each with its share of the processor."""
     nodes: int = 1
-    """Machines, each with so many devices."""
+    """Machines, each with `devices` devices."""
     augmentation: AugmentationParams = field(default_factory=AugmentationParams)
     loss: LossParams = field(default_factory=LossParams)
     eps: float = 1e-8
