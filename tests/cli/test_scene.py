@@ -135,5 +135,5 @@ def test_import_says_what_is_missing(fails, tmp_path):
         "import", "stray", tmp_path, "--out", out, "--poses", "a.tum"
     )
     source = make_stray(tmp_path / "scan")
-    assert "--place outdoor or --place indoor" in fails("import", "stray", source, "--out", out)
+    assert "give --place: outdoor or indoor" in fails("import", "stray", source, "--out", out)
     assert not out.exists()

@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 from vioapr.errors import DiskFullError, UnwritableError
-from vioapr.files.atomic import replace_folder, replacing, write_atomically
+from vioapr.files.atomic import (
+    leftovers_beside,
+    partial_beside,
+    replace_folder,
+    replacing,
+    write_atomically,
+)
 
 
 def names(folder):
@@ -117,3 +123,12 @@ def test_a_folder_that_cannot_be_moved_in_leaves_the_old_one(tmp_path):
         replace_folder(tmp_path / "map", tmp_path / "missing")
     assert (tmp_path / "map" / "file").read_text() == "old"
     assert names(tmp_path) == ["map"]
+
+
+def test_leftovers_are_those_of_the_very_path(tmp_path):
+    mine, others = partial_beside(tmp_path / "walk"), partial_beside(tmp_path / "walk.2")
+    mine.mkdir()
+    others.touch()
+    (tmp_path / ".walk.partial").touch()
+    assert leftovers_beside(tmp_path / "walk") == [mine]
+    assert leftovers_beside(tmp_path / "walk.2") == [others]

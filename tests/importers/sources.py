@@ -13,7 +13,7 @@ from vioapr.geometry import quaternion
 from vioapr.geometry.frames import y_up_from_z_up, z_up_from_y_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import ImportedScene, ImportOptions, Walk
-from vioapr.importers.diagnostics import judge
+from vioapr.importers.diagnostics import diagnose
 from vioapr.simulation.handheld import looking
 from vioapr.trajectory import Trajectory
 
@@ -119,7 +119,7 @@ def read_walks(importer, source: Path, **options) -> list[Walk]:
     scenes: list[ImportedScene] = importer.read(source, ImportOptions(**options))
     walks = [walk for scene in scenes for walk in scene.read()]
     for one in walks:
-        judge(one)
+        diagnose(one)
     return walks
 
 

@@ -124,7 +124,7 @@ def test_marvin_accelerometer_that_fits_in_no_way(church):
 
 def test_marvin_of_another_place_needs_a_rate(tmp_path):
     make_marvin(tmp_path / "Garden")
-    with pytest.raises(ParameterError, match="--rate-hz"):
+    with pytest.raises(ParameterError, match="`rate_hz`"):
         MARVIN.read(tmp_path / "Garden", ImportOptions())
     (garden,) = MARVIN.read(tmp_path / "Garden", ImportOptions(rate_hz=2))
     assert garden.place is None

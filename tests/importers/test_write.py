@@ -8,12 +8,12 @@ import pytest
 from tests.importers.sources import COUNT, make_images, make_stray, read_walks, texts
 from tests.scene.scenes import jpeg, make_scene
 
-from vioapr.errors import DiskFullError, FormatError, ParameterError
+from vioapr.errors import AlreadyExistsError, DiskFullError, FormatError, ParameterError
 from vioapr.importers.base import ImportedScene, Walk, flat_names, id_of
-from vioapr.importers.diagnostics import judge
+from vioapr.importers.diagnostics import diagnose
 from vioapr.importers.images import IMPORTER as IMAGES
 from vioapr.importers.stray import IMPORTER as STRAY
-from vioapr.importers.write import open_or_create, write_walk
+from vioapr.importers.write import open_or_create, write_recording
 from vioapr.scene.check import check_scene
 from vioapr.scene.scene import Scene
 from vioapr.schemas.scene import World
@@ -31,7 +31,7 @@ def snapshot(scene):
 
 def import_stray(scene, source, **options):
     (walk,) = read_walks(STRAY, source, **options)
-    return walk, lambda: write_walk(scene, walk)
+    return walk, lambda: write_recording(scene, walk)
 
 
 def test_a_walk_is_written_and_entered(scene, tmp_path):
@@ -50,14 +50,14 @@ def test_a_walk_is_written_and_entered(scene, tmp_path):
 def test_ground_truth_is_written(scene, tmp_path):
     source = make_images(tmp_path / "s")
     (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
-    scene = write_walk(scene, walk)
+    scene = write_recording(scene, walk)
     np.testing.assert_array_equal(scene.gt("images").position_m, walk.gt.position_m)
 
 
 def test_an_existing_recording_is_never_overwritten(scene, tmp_path):
     _, write = import_stray(scene, make_stray(tmp_path / "scan"), id="walk-1")
     before = snapshot(scene)
-    with pytest.raises(FormatError, match=r"walk-1: a recording of this id exists"):
+    with pytest.raises(AlreadyExistsError, match=r"walk-1: a recording of this id exists"):
         write()
     assert snapshot(scene) == before
 
@@ -111,9 +111,9 @@ def test_a_diverging_tracker_is_left_out_of_the_splits(scene, tmp_path):
     (walk,) = read_walks(STRAY, make_stray(tmp_path / "scan", 200))
     walk.vio_from_cam.translation_m[:] *= 30
     walk.findings.clear()
-    judge(walk)
+    diagnose(walk)
     assert "the tracker is diverging" in texts(walk, warnings=True)
-    scene = write_walk(scene, walk)
+    scene = write_recording(scene, walk)
     assert scene.splits["train"] == ("walk-1",)
     assert scene.excluded == {"scan": "the tracker is diverging"}
 
@@ -149,7 +149,7 @@ def test_a_full_disk_at_the_very_end(scene, tmp_path, monkeypatch):
 
     monkeypatch.setattr("vioapr.scene.scene.write_text", fail)
     with pytest.raises(FormatError, match="No space left on device"):
-        write_walk(scene, walk)
+        write_recording(scene, walk)
     assert snapshot(scene) == before
 
 
@@ -173,18 +173,19 @@ def test_existing_ground_truth_is_never_overwritten(scene, tmp_path):
     source = make_images(tmp_path / "s")
     (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
     before = snapshot(scene)
-    with pytest.raises(FormatError, match=r"images.tum: ground truth of this id exists"):
-        write_walk(scene, walk)
+    with pytest.raises(AlreadyExistsError, match=r"images.tum: ground truth of this id exists"):
+        write_recording(scene, walk)
     assert snapshot(scene) == before
 
 
 def test_what_was_left_by_a_kill_is_replaced(scene, tmp_path):
-    left = scene.folder / "recordings/.scan.partial"
+    left = scene.folder / "recordings/.scan.0123abcd.partial"
     left.mkdir()
     (left / "frames.csv").write_text("torn")
     _, write = import_stray(scene, make_stray(tmp_path / "scan"))
     assert len(write().recording("scan").frames) == COUNT
     assert not left.exists()
+    assert sorted(p.name for p in left.parent.iterdir()) == ["scan", "walk-1", "walk-2"]
 
 
 def imported(place=None):
@@ -192,7 +193,7 @@ def imported(place=None):
 
 
 def test_a_new_scene_needs_a_place(tmp_path):
-    with pytest.raises(ParameterError, match="--place outdoor or --place indoor"):
+    with pytest.raises(ParameterError, match="give `place`: outdoor or indoor"):
         open_or_create(tmp_path / "new", imported(), None)
     assert not (tmp_path / "new").exists()
     assert open_or_create(tmp_path / "new", imported(), "indoor").is_outdoor is False
@@ -211,7 +212,7 @@ def test_frames_without_image_and_pose_stay_for_their_ground_truth(scene, tmp_pa
     source = make_images(tmp_path / "s")
     (source / "images/frame-0003.jpg").write_bytes(b"")
     (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
-    scene = write_walk(scene, walk)
+    scene = write_recording(scene, walk)
     frames = scene.recording("images").frames
     assert len(frames) == COUNT
     assert (frames.image[3], frames.has_pose[3]) == ("", False)
@@ -221,7 +222,7 @@ def test_frames_without_image_and_pose_stay_for_their_ground_truth(scene, tmp_pa
 def test_tracking_lost_throughout_is_reported(tmp_path):
     (walk,) = read_walks(STRAY, make_stray(tmp_path / "scan"))
     lost = Walk(**{**vars(walk), "findings": [], "tracking": np.full(COUNT, 2, dtype=np.uint8)})
-    judge(lost)
+    diagnose(lost)
     assert "tracking was lost throughout: no frame has a pose" in texts(lost, warnings=True)
 
 
@@ -233,5 +234,5 @@ def test_names_for_one_folder():
 
 def test_ids():
     assert id_of("My Scan (2).r3d") == "My-Scan-2-.r3d"
-    with pytest.raises(ParameterError, match="--id"):
+    with pytest.raises(ParameterError, match="`id`"):
         id_of("///")

@@ -6,6 +6,7 @@ place of the old file in one step. This is the only such code in the package.
 
 from __future__ import annotations
 
+import glob
 import os
 import secrets
 import shutil
@@ -91,6 +92,12 @@ def replace_folder(folder: Path, partial: Path) -> None:
 def partial_beside(path: Path) -> Path:
     """A name for a temporary file or folder in the same folder, unlike any other's."""
     return path.with_name(f".{path.name}.{secrets.token_hex(4)}{PARTIAL_SUFFIX}")
+
+
+def leftovers_beside(path: Path) -> list[Path]:
+    """The temporary files or folders that interrupted writes of a path left beside it."""
+    pattern = f".{glob.escape(path.name)}.{'[0-9a-f]' * 8}{PARTIAL_SUFFIX}"
+    return sorted(path.parent.glob(pattern))
 
 
 def sync(path: Path) -> None:

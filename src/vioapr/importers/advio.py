@@ -21,10 +21,10 @@ from vioapr.importers.base import (
     ImportedScene,
     Importer,
     ImportOptions,
-    Place,
     Walk,
     id_of,
     one_walk,
+    require_one,
     tracking_of,
 )
 from vioapr.schemas.recording import RecordingInfo
@@ -43,43 +43,39 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
     """
     tracker = (options.tracker or "arkit").lower()
     if tracker not in _TRACKERS:
-        raise ParameterError(f"--tracker: expected {' or '.join(_TRACKERS)}, got {tracker!r}")
-    found = _find_sequences(source, tracker)
-    if not found:
+        raise ParameterError(f"tracker: expected {' or '.join(_TRACKERS)}, got {tracker!r}")
+    if source.is_file():
+        tracks = [source]
+    else:
+        tracks = [p for p in source.rglob(f"*{tracker}*") if p.is_file() and ".csv" in p.name]
+        tracks = tracks or [p for p in source.rglob(f"*{tracker}*.tum*") if p.is_file()]
+        tracks.sort(key=lambda path: natural_key(str(path)))
+    track_of = {sequence_name(path): path for path in tracks}
+    if not track_of:
         raise FormatError(
             source, f"expected ADVIO sequences with a track advio-NN_{tracker}.csv, found none"
         )
-    if options.id is not None and len(found) > 1:
-        raise ParameterError(f"--id names one recording, and {source} holds {len(found)}")
+    require_one(source, options, len(track_of))
     return [
         one_walk(
-            partial(_read_sequence, options.id or name, track, truth, tracker, options),
+            partial(read_walk, options.id or name, track, tracker, options),
             name=name,
-            place=_place_of(name),
+            place="outdoor" if int(re.sub(r"\D", "", name) or 0) in _OUTDOOR else "indoor",
         )[0]
-        for name, (track, truth) in found.items()
+        for name, track in track_of.items()
     ]
 
 
-def _find_sequences(source: Path, tracker: str) -> dict[str, tuple[Path, Path | None]]:
-    """The tracker's file and the ground truth of every sequence, by name."""
-    if source.is_file():
-        return {_sequence_of(source): (source, _truth_beside(source, tracker))}
-    tracks = [p for p in source.rglob(f"*{tracker}*") if p.is_file() and ".csv" in p.name]
-    tracks = tracks or [p for p in source.rglob(f"*{tracker}*.tum*") if p.is_file()]
-    tracks.sort(key=lambda path: natural_key(str(path)))
-    return {_sequence_of(path): (path, _truth_beside(path, tracker)) for path in tracks}
-
-
-def _sequence_of(path: Path) -> str:
-    """advio-NN from the file's name or a folder's above it."""
+def sequence_name(path: Path) -> str:
+    """The name advio-NN from a file's name or a folder's above it."""
     for part in (path.name, *(parent.name for parent in path.resolve().parents)):
         if match := re.search(r"advio-?\d+", part):
             return match.group()
     return id_of(path.resolve().parent.name)
 
 
-def _truth_beside(track: Path, tracker: str) -> Path | None:
+def find_gt(track: Path, tracker: str) -> Path | None:
+    """The ground truth that belongs to a tracker's file, in either layout; None without one."""
     stem = track.name.split(tracker)[0]
     for pattern in (f"{stem}gt_pose*", f"{stem}gt.*"):
         if stem and (found := sorted(track.parent.glob(pattern))):
@@ -88,14 +84,8 @@ def _truth_beside(track: Path, tracker: str) -> Path | None:
     return pose if pose.exists() else None
 
 
-def _place_of(name: str) -> Place:
-    """Sequences 20 to 23 are outdoors, the others indoors."""
-    return "outdoor" if int(re.sub(r"\D", "", name) or 0) in _OUTDOOR else "indoor"
-
-
-def _read_sequence(
-    id_: str, track: Path, truth: Path | None, tracker: str, options: ImportOptions
-) -> Walk:
+def read_walk(id_: str, track: Path, tracker: str, options: ImportOptions) -> Walk:
+    """Read one sequence: a tracker's file, and the ground truth that belongs to it."""
     device, title = _TRACKERS[tracker]
     is_raw = plain_name(track).endswith(".csv")
     vio = _read_track(track, is_raw=is_raw, is_tracker=True)
@@ -111,15 +101,25 @@ def _read_sequence(
         tracking=tracking_of(vio.target_from_source),
     )
     walk.note("no images: poses only")
+    truth = find_gt(track, tracker)
     if truth is None:
         walk.warn("no ground truth beside the track")
         return walk
     gt = _read_track(truth, is_raw=is_raw, is_tracker=False)
     if is_raw:
-        vio = _meet_clocks(walk, vio, gt) if tracker == "arcore" else vio
-        vio, gt = _correct(walk, vio, gt)
-        walk.vio_from_cam = vio.target_from_source
-    walk.gt = _common(gt.with_transforms(z_up_from_y_up(gt.target_from_source)), walk)
+        gt = correct_raw(walk, vio, gt, has_own_clock=tracker == "arcore")
+    # Ground truth is kept at the times of frames that it covers.
+    times = walk.timestamp_s
+    inside = (times >= gt.timestamp_s[0]) & (times <= gt.timestamp_s[-1])
+    if not inside.any():
+        raise FormatError(
+            walk.source,
+            f"expected the track and the ground truth to share a clock, but the track is of "
+            f"{times[0]:.3f} to {times[-1]:.3f} s and the truth of {gt.timestamp_s[0]:.3f} to "
+            f"{gt.timestamp_s[-1]:.3f} s",
+        )
+    upright = gt.with_transforms(z_up_from_y_up(gt.target_from_source))
+    walk.gt = upright.interpolate(times[inside])
     return walk
 
 
@@ -130,16 +130,23 @@ def _read_track(path: Path, *, is_raw: bool, is_tracker: bool) -> Trajectory:
     return advio.read_corrected(path, is_tracker=is_tracker)
 
 
-def _meet_clocks(walk: Walk, vio: Trajectory, gt: Trajectory) -> Trajectory:
-    """The tracker's poses on the clock of the ground truth: its phone has another."""
-    offset_s = advio.find_clock_offset(gt, vio)
-    walk.timestamp_s = vio.timestamp_s + offset_s
-    walk.note(f"clock: {offset_s:+.2f} s were added, so that both turn at the same times")
-    return replace(vio, timestamp_s=walk.timestamp_s)
+def correct_raw(walk: Walk, vio: Trajectory, gt: Trajectory, *, has_own_clock: bool) -> Trajectory:
+    """Find what the data set's own files leave open, a clock and a turn, from the two tracks.
 
+    Args:
+        walk: Its times and tracker's poses are corrected; findings are added.
+        vio: The tracker's poses as read.
+        gt: Ground truth as read.
+        has_own_clock: Whether the tracker's phone has another clock than the ground truth.
 
-def _correct(walk: Walk, vio: Trajectory, gt: Trajectory) -> tuple[Trajectory, Trajectory]:
-    """Undo the unknown turn of a sequence's rotations, found from the two tracks."""
+    Returns:
+        Ground truth, corrected.
+    """
+    if has_own_clock:
+        offset_s = advio.find_clock_offset(gt, vio)
+        vio = replace(vio, timestamp_s=vio.timestamp_s + offset_s)
+        walk.timestamp_s = vio.timestamp_s
+        walk.note(f"clock: {offset_s:+.2f} s were added, so that both turn at the same times")
     turn = advio.find_turn(gt, vio)
     text = (
         f"rotations: a turn of {turn.angle_deg:.0f} deg about z was undone; relative rotations of "
@@ -149,23 +156,8 @@ def _correct(walk: Walk, vio: Trajectory, gt: Trajectory) -> tuple[Trajectory, T
         walk.warn(f"{text}: they do not belong together, so orientations are not to be trusted")
     else:
         walk.note(text)
-    return advio.undo_turn(vio, turn.angle_deg, is_tracker=True), advio.undo_turn(
-        gt, turn.angle_deg, is_tracker=False
-    )
-
-
-def _common(gt: Trajectory, walk: Walk) -> Trajectory:
-    """Ground truth at the times of frames that it covers."""
-    times = walk.timestamp_s
-    inside = (times >= gt.timestamp_s[0]) & (times <= gt.timestamp_s[-1])
-    if not inside.any():
-        raise FormatError(
-            walk.source,
-            f"expected the track and the ground truth to share a clock, but the track is of "
-            f"{times[0]:.3f} to {times[-1]:.3f} s and the truth of {gt.timestamp_s[0]:.3f} to "
-            f"{gt.timestamp_s[-1]:.3f} s",
-        )
-    return gt.interpolate(times[inside])
+    walk.vio_from_cam = advio.undo_turn(vio, turn.angle_deg, is_tracker=True).target_from_source
+    return advio.undo_turn(gt, turn.angle_deg, is_tracker=False)
 
 
 IMPORTER = Importer(

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import ParameterError
 from vioapr.files.images import IMAGE_SUFFIXES
 from vioapr.files.text import natural_key
 from vioapr.geometry.rigid import Rigid3
@@ -172,19 +172,18 @@ def id_of(name: str) -> str:
     """A recording's id out of a file's or folder's name."""
     text = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-._")[:100]
     if not text:
-        raise ParameterError(f"cannot make a recording's id out of {name!r}: give one with --id")
+        raise ParameterError(f"cannot make a recording's id out of {name!r}: give one as `id`")
     return text
 
 
-def require_folder(path: Path, what: str) -> None:
-    """Check that a source is a folder.
+def require_one(source: Path, options: ImportOptions, count: int) -> None:
+    """See that a source holds one recording, if the user gave the recording's id.
 
     Raises:
-        FormatError: It is not.
+        ParameterError: It holds several.
     """
-    if not path.is_dir():
-        found = "a file" if path.exists() else "nothing of this name"
-        raise FormatError(path, f"expected {what}, found {found}")
+    if options.id is not None and count > 1:
+        raise ParameterError(f"`id` names one recording, and {source} holds {count}")
 
 
 def list_image_names(folder: Path) -> list[str]:
@@ -202,22 +201,13 @@ def list_image_names(folder: Path) -> list[str]:
 
 def flat_names(paths: Sequence[str]) -> list[str]:
     """Names for one folder out of paths: the last part, or all of it where that comes twice."""
-    last = [path.replace("\\", "/").rpartition("/")[2] for path in paths]
-    if len(set(last)) == len(last):
-        # All at once first: odd names are rare, and there may be very many.
-        is_odd = _ODD.search("/".join(last)) or any(name[:1] == "." for name in last)
-        return [_clean(name) for name in last] if is_odd else last
-    return [_clean(re.sub(r"[/\\]+", "_", path.strip("./\\"))) for path in paths]
-
-
-def _clean(name: str) -> str:
-    """A name that `frames.csv` can hold."""
-    return _ODD.sub("_", name).lstrip(".")
-
-
-def no_poses(count: int) -> Rigid3:
-    """Poses of frames that have none."""
-    return Rigid3(np.full((count, 3), np.nan), np.full((count, 4), np.nan))
+    names = [path.replace("\\", "/").rpartition("/")[2] for path in paths]
+    if len(set(names)) < len(names):
+        names = [re.sub(r"[/\\]+", "_", path.strip("./\\")) for path in paths]
+    # All at once first: odd names are rare, and there may be very many.
+    elif not _ODD.search("/".join(names)) and not any(name[:1] == "." for name in names):
+        return names
+    return [_ODD.sub("_", name).lstrip(".") for name in names]
 
 
 def tracking_of(vio_from_cam: Rigid3) -> NDArray[np.uint8]:
@@ -227,7 +217,7 @@ def tracking_of(vio_from_cam: Rigid3) -> NDArray[np.uint8]:
 
 def spread_poses(trajectory: Trajectory, rows: NDArray[np.intp], count: int) -> Rigid3:
     """Poses of some of `count` frames, NaN for the others: pose k belongs to frame rows[k]."""
-    poses = no_poses(count)
+    poses = Rigid3.unknown((count,))
     poses.translation_m[rows] = trajectory.position_m
     poses.quat_xyzw[rows] = trajectory.quat_xyzw
     return poses
@@ -236,3 +226,47 @@ def spread_poses(trajectory: Trajectory, rows: NDArray[np.intp], count: int) -> 
 def timed_gt(trajectory: Trajectory, timestamp_s: NDArray[np.float64]) -> Trajectory:
     """Ground truth on the recording's clock."""
     return Trajectory.from_arrays(timestamp_s, *trajectory.target_from_source)
+
+
+def labelled_walk(
+    id_: str,
+    split: str | None,
+    source: Path,
+    title: str,
+    labels: Trajectory,
+    images: Sequence[Path],
+    rate_hz: float,
+    intrinsics: Intrinsics,
+) -> Walk:
+    """A walk of images that a data set labels with poses in a map, and that had no tracker.
+
+    The poses become ground truth; no frame has a tracker's.
+
+    Args:
+        id_: The recording's id.
+        split: Its split.
+        source: For messages.
+        title: The data set.
+        labels: world_from_cam, a pose an image.
+        images: Where they are.
+        rate_hz: Frames per second: there are no timestamps.
+        intrinsics: Of all images.
+    """
+    times = np.arange(len(labels)) / rate_hz
+    poses = Rigid3.unknown((len(labels),))
+    walk = Walk(
+        id=id_,
+        split=split,
+        info=RecordingInfo(source=title, clock="frame-rate"),
+        source=source,
+        timestamp_s=times,
+        image_names=flat_names([image.as_posix() for image in images]),
+        images=images,
+        vio_from_cam=poses,
+        tracking=tracking_of(poses),
+        intrinsics=intrinsics,
+        gt=timed_gt(labels, times),
+    )
+    walk.note(f"no timestamps: counted at {rate_hz:g} frames per second")
+    walk.note("no tracker: the poses are ground truth, and no frame has one of a tracker")
+    return walk

@@ -7,8 +7,8 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from vioapr.errors import FormatError, ParameterError
-from vioapr.files.text import natural_key
+from vioapr.errors import FormatError
+from vioapr.files.text import natural_key, require_folder
 from vioapr.formats import cambridge
 from vioapr.formats.base import ReadOptions
 from vioapr.importers.base import (
@@ -17,9 +17,9 @@ from vioapr.importers.base import (
     ImportOptions,
     Walk,
     id_of,
-    require_folder,
+    labelled_walk,
+    require_one,
 )
-from vioapr.importers.labelled import labelled_walk
 from vioapr.scene.frames import Intrinsics
 from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
@@ -44,8 +44,7 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
                 sequences[name, split] = labels.at_rows(rows)
     if not sequences:
         raise FormatError(source, "expected dataset_train.txt or dataset_test.txt, found none")
-    if options.id is not None and len(sequences) > 1:
-        raise ParameterError(f"--id names one recording, and {source} holds {len(sequences)}")
+    require_one(source, options, len(sequences))
     folders = [name for name, _ in sequences]
 
     def walks() -> Iterator[Walk]:

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.files.text import require_folder
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.registry import read_trajectory
+from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
     ImportedScene,
     Importer,
@@ -18,9 +20,7 @@ from vioapr.importers.base import (
     flat_names,
     id_of,
     list_image_names,
-    no_poses,
     one_walk,
-    require_folder,
     spread_poses,
     timed_gt,
     tracking_of,
@@ -39,19 +39,20 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
         FormatError: It is none.
     """
     require_folder(source, "a folder of images")
-    return one_walk(lambda: _read_walk(source, options))
+    return one_walk(lambda: read_walk(source, options))
 
 
-def _read_walk(source: Path, options: ImportOptions) -> Walk:
+def read_walk(source: Path, options: ImportOptions) -> Walk:
+    """Read the names of the images, pair the trajectories' poses with them."""
     names = list_image_names(source)
     if not names:
         raise FormatError(source, "expected images (.jpg, .png), found none")
-    vio, gt = (
-        None if path is None else read_trajectory(path, options=ReadOptions())
-        for path in (options.poses, options.gt)
-    )
-    times, clock = _find_times(source, names, vio, gt, options)
+    vio = None if options.poses is None else read_trajectory(options.poses, options=ReadOptions())
+    gt = None if options.gt is None else read_trajectory(options.gt, options=ReadOptions())
+    tracks = [track for track in (vio, gt) if track is not None]
+    times, clock = find_times(source, names, tracks, options.rate_hz)
     is_measured = not clock.startswith("no timestamps")
+    poses = Rigid3.unknown((len(names),))
     walk = Walk(
         id=options.id or id_of(source.resolve().name),
         split=options.split_or("train"),
@@ -64,46 +65,51 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
         timestamp_s=times,
         image_names=flat_names(names),
         images=(f"{source}/{name}" for name in names),
-        vio_from_cam=no_poses(len(names)),
-        tracking=tracking_of(no_poses(len(names))),
+        vio_from_cam=poses,
+        tracking=tracking_of(poses),
     )
-    walk.note(f"time: {clock}") if is_measured else walk.warn(f"time: {clock}")
+    (walk.note if is_measured else walk.warn)(f"time: {clock}")
     if vio is not None and options.poses is not None:
-        _add_vio(walk, names, vio, options.poses)
+        file = options.poses.name
+        rows, of = pair_images(source, names, times, vio, options.poses)
+        if unused := len(vio) - len(of):
+            text = f"{file}: {unused} of {len(vio)} poses belong to no image, and are left out"
+            walk.warn(text)
+        paired = vio.at_rows(of)
+        if vio.target != "vio":
+            world, turned = turn_y_up(paired)
+            paired = paired.with_transforms(turned)
+            walk.note(f"world of {file}: {world}")
+        walk.vio_from_cam = spread_poses(paired, rows, len(walk))
+        walk.tracking = tracking_of(walk.vio_from_cam)
     if gt is not None and options.gt is not None:
-        rows, of = _pair(source, names, times, gt, options.gt)
+        rows, of = pair_images(source, names, times, gt, options.gt)
         walk.gt = timed_gt(gt.at_rows(of), times[rows])
     return walk
 
 
-def _add_vio(walk: Walk, names: list[str], vio: Trajectory, path: Path) -> None:
-    rows, of = _pair(walk.source, names, walk.timestamp_s, vio, path)
-    unused = len(vio) - len(of)
-    if unused:
-        walk.warn(f"{path.name}: {unused} of {len(vio)} poses belong to no image, and are left out")
-    paired = vio.at_rows(of)
-    if vio.target != "vio":
-        world, turned = turn_y_up(paired)
-        paired = paired.with_transforms(turned)
-        walk.note(f"world of {path.name}: {world}")
-    walk.vio_from_cam = spread_poses(paired, rows, len(walk))
-    walk.tracking = tracking_of(walk.vio_from_cam)
-
-
-def _find_times(
-    source: Path,
-    names: list[str],
-    vio: Trajectory | None,
-    gt: Trajectory | None,
-    options: ImportOptions,
+def find_times(
+    source: Path, names: list[str], tracks: list[Trajectory], rate_hz: float | None
 ) -> tuple[NDArray[np.float64], str]:
-    """When each image was taken, and how that is known."""
-    if options.rate_hz is not None:
-        return np.arange(len(names)) / options.rate_hz, f"no timestamps: {options.rate_hz:g} Hz"
-    stamps = _stamps_of_names(names)
-    timed = [track for track in (vio, gt) if track is not None and track.is_timed]
-    if stamps is not None and (not timed or _overlaps(stamps, timed[0].timestamp_s)):
-        return stamps, "from the images' names"
+    """When each image was taken, and how that is known.
+
+    Args:
+        source: The folder, for messages.
+        names: Of its images, in order.
+        tracks: Trajectories of the same walk, the one to trust most first.
+        rate_hz: Frames per second, if the user says so.
+
+    Raises:
+        FormatError: Neither names nor trajectories tell.
+    """
+    if rate_hz is not None:
+        return np.arange(len(names)) / rate_hz, f"no timestamps: {rate_hz:g} Hz"
+    stamps = timestamps_of_names(names)
+    timed = [track for track in tracks if track.is_timed]
+    if stamps is not None:
+        known_s = timed[0].timestamp_s if timed else stamps
+        if stamps[0] <= known_s[-1] and known_s[0] <= stamps[-1]:
+            return stamps, "from the images' names"
     for track in timed:
         if len(track) == len(names):
             return track.timestamp_s, "the trajectory's: pose k is taken to be of image k"
@@ -111,13 +117,13 @@ def _find_times(
         raise FormatError(
             source,
             f"expected images named by timestamps, or as many as poses ({len(timed[0])}), got "
-            f"{len(names)} images as {names[0]}: give --rate-hz, or a trajectory with names",
+            f"{len(names)} images as {names[0]}: give `rate_hz`, or a trajectory with names",
         )
     rate_hz = _DEFAULT_RATE_HZ
     return np.arange(len(names)) / rate_hz, f"no timestamps: counted at {rate_hz:g} Hz"
 
 
-def _stamps_of_names(names: list[str]) -> NDArray[np.float64] | None:
+def timestamps_of_names(names: list[str]) -> NDArray[np.float64] | None:
     """Seconds from names as 1305031102.175304.png, or in milli-, micro- or nanoseconds."""
     try:
         values = np.array([float(_stem(name)) for name in names])
@@ -136,11 +142,7 @@ def _stem(name: str) -> str:
     return name.rsplit(".", 1)[0]
 
 
-def _overlaps(left_s: NDArray[np.float64], right_s: NDArray[np.float64]) -> bool:
-    return bool(left_s[0] <= right_s[-1] and right_s[0] <= left_s[-1])
-
-
-def _pair(
+def pair_images(
     source: Path,
     images: list[str],
     timestamp_s: NDArray[np.float64],
@@ -148,6 +150,8 @@ def _pair(
     path: Path,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which image each pose is of: rows of images, rows of the track.
+
+    By names, else by times (mutually nearest, within half a frame), else by order.
 
     Raises:
         FormatError: No pose is of an image.
@@ -158,7 +162,15 @@ def _pair(
         found = [(row_of.get(PurePosixPath(name).name), of) for of, name in enumerate(track.names)]
         pairs = sorted((row, of) for row, of in found if row is not None)
     elif track.is_timed:
-        pairs = _pair_by_time(timestamp_s, track.timestamp_s)
+        step_s = float(np.median(np.diff(timestamp_s))) if len(timestamp_s) > 1 else 0.1
+        nearest = nearest_rows(timestamp_s, track.timestamp_s)
+        back = nearest_rows(track.timestamp_s, timestamp_s)
+        off_s = np.abs(timestamp_s - track.timestamp_s[nearest])
+        pairs = [
+            (row, int(of))
+            for row, of in enumerate(nearest)
+            if back[of] == row and off_s[row] <= 0.5 * step_s
+        ]
     else:
         pairs = [(k, k) for k in range(len(track))] if len(track) == len(images) else []
     if not pairs:
@@ -169,19 +181,6 @@ def _pair(
         )  # fmt: skip
     rows, of = np.array(pairs, dtype=np.intp).T
     return rows, of
-
-
-def _pair_by_time(
-    timestamp_s: NDArray[np.float64], track_s: NDArray[np.float64]
-) -> list[tuple[int, int]]:
-    """Mutually nearest, within half a frame."""
-    tolerance_s = 0.5 * float(np.median(np.diff(timestamp_s))) if len(timestamp_s) > 1 else 0.05
-    nearest, back = nearest_rows(timestamp_s, track_s), nearest_rows(track_s, timestamp_s)
-    return [
-        (row, int(of))
-        for row, of in enumerate(nearest)
-        if back[of] == row and abs(timestamp_s[row] - track_s[of]) <= tolerance_s
-    ]
 
 
 IMPORTER = Importer(

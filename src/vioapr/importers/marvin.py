@@ -8,7 +8,8 @@ is taken for granted is in docs/reference/scene.md, and what can be checked is.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -16,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError, ParameterError
-from vioapr.files.text import natural_key
+from vioapr.files.text import natural_key, require_folder
 from vioapr.formats import conventions, marvin
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.readings import fits_better_inverted
+from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
     ImportedScene,
     Importer,
@@ -28,8 +30,7 @@ from vioapr.importers.base import (
     Walk,
     flat_names,
     id_of,
-    no_poses,
-    require_folder,
+    require_one,
     spread_poses,
     tracking_of,
 )
@@ -42,16 +43,84 @@ from vioapr.trajectory import Trajectory
 _SPLITS = {"train": "train.txt", "test": "test.txt"}
 _TRACKERS = {"arkit": ("ARKit.txt", "ARKit"), "arcore": ("ARCore.txt", "ARCore")}
 _OUTDOOR, _INDOOR = {"square", "church", "bar"}, {"stairs", "office", "atrium"}
-_RATE_HZ = {"outdoor": 1.0, "indoor": 2.0}
+_RATE_HZ: dict[Place, float] = {"outdoor": 1.0, "indoor": 2.0}
+_MAX_TILT_DEG = 5.0
 
 
-@dataclass(eq=False)
-class _Files:
-    """What a scene's folder holds; names are those of the files."""
+@dataclass(frozen=True, eq=False)
+class SceneFiles:
+    """The poses in a scene's folder; names are those of the files.
+
+    Attributes:
+        folder: The scene's.
+        gts: Ground truth by split.
+        vios: The trackers' poses by the tracker's title.
+    """
 
     folder: Path
     gts: dict[str, Trajectory]
     vios: dict[str, Trajectory]
+
+    @staticmethod
+    def read(folder: Path, trackers: Iterable[str]) -> SceneFiles:
+        """Read the files that are there, of some of the trackers.
+
+        Raises:
+            FormatError: One is broken.
+        """
+        gts, vios = {}, {}
+        for split, name in _SPLITS.items():
+            if (folder / name).is_file():
+                gts[split] = marvin.FORMAT.read(folder / name, ReadOptions())
+        for name, title in (_TRACKERS[tracker] for tracker in trackers):
+            if (folder / name).is_file():
+                vios[title] = marvin.VIO_FORMAT.read(folder / name, ReadOptions())
+        return SceneFiles(folder, gts, vios)
+
+    def recordings(self) -> dict[tuple[str, str], list[str]]:
+        """Image names of every recording, in natural order, by folder and split.
+
+        Images that only a tracker knows belong to the recording of their folder.
+        """
+        recordings: dict[tuple[str, str], list[str]] = {}
+        split_of_folder: dict[str, str] = {}
+        for split, gt in self.gts.items():
+            for name in gt.names or ():
+                folder = str(PurePosixPath(name).parent)
+                split_of_folder.setdefault(folder, split)
+                recordings.setdefault((folder, split), []).append(name)
+        known = {name for names in recordings.values() for name in names}
+        for vio in self.vios.values():
+            for name in vio.names or ():
+                folder = str(PurePosixPath(name).parent)
+                # Without folders, a name says nothing of the recording that it is of.
+                if name not in known and folder in split_of_folder and folder != ".":
+                    known.add(name)
+                    recordings[folder, split_of_folder[folder]].append(name)
+        for names in recordings.values():
+            names.sort(key=natural_key)
+        return recordings
+
+    def track_of(self, images: Sequence[str]) -> tuple[str, Trajectory | None]:
+        """The tracker that has most of a recording's images, and its poses of them."""
+        title, best = "", None
+        for name, vio in self.vios.items():
+            track = _only(vio, images)
+            if track is not None and (best is None or len(track) > len(best)):
+                title, best = name, track
+        return title, best
+
+    def is_z_up(self) -> bool:
+        """Whether the map's z is up by the trackers, within 5 degrees."""
+        for gt in self.gts.values():
+            for vio in self.vios.values():
+                common = _only(vio, gt.names or ())
+                if common is not None and len(common) > 1:
+                    rows = _rows_of(gt.names or (), common.names or ())
+                    poses = spread_poses(common, rows, len(gt))
+                    up, off_deg, _ = map_up(gt, poses, np.arange(len(gt)))
+                    return up == "+z" and off_deg < _MAX_TILT_DEG
+        return False
 
 
 def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
@@ -62,128 +131,106 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
         ParameterError: The options do not fit.
     """
     require_folder(source, "a MARViN folder")
-    folders = [source] if _is_scene(source) else sorted(filter(_is_scene, source.glob("*")))
+
+    def is_scene(folder: Path) -> bool:
+        return any((folder / name).is_file() for name in _SPLITS.values())
+
+    folders = [source] if is_scene(source) else sorted(filter(is_scene, source.glob("*")))
     if not folders:
         raise FormatError(source, f"expected {' or '.join(_SPLITS.values())}, found none")
-    return [_read_scene(folder, options) for folder in folders]
+    return [read_scene(folder, options) for folder in folders]
 
 
-def _is_scene(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in _SPLITS.values())
+def read_scene(folder: Path, options: ImportOptions) -> ImportedScene:
+    """One scene's folder.
 
-
-def _read_scene(folder: Path, options: ImportOptions) -> ImportedScene:
-    files = _Files(folder, _read_all(folder, _SPLITS.items()), _read_vios(folder, options))
-    recordings = _find_recordings(files)
-    if options.id is not None and len(recordings) > 1:
-        raise ParameterError(f"--id names one recording, and {folder} holds {len(recordings)}")
-    place = _place_of(folder.resolve().name)
+    Raises:
+        FormatError: A file is broken.
+        ParameterError: The options do not fit.
+    """
+    tracker = None if options.tracker is None else options.tracker.lower()
+    if tracker is not None and tracker not in _TRACKERS:
+        expected = " or ".join(_TRACKERS)
+        raise ParameterError(f"tracker: expected {expected}, got {options.tracker!r}")
+    files = SceneFiles.read(folder, _TRACKERS if tracker is None else [tracker])
+    recordings = files.recordings()
+    require_one(folder, options, len(recordings))
+    name = folder.resolve().name
+    words = set(re.findall(r"[a-z]+", name.lower()))
+    place: Place | None = "outdoor" if words & _OUTDOOR else "indoor" if words & _INDOOR else None
     rate_hz = options.rate_hz or (None if place is None else _RATE_HZ[place])
     if rate_hz is None:
         raise ParameterError(
-            f"{folder} is no scene of the paper by name: give the rate of its frames with "
-            "--rate-hz (1 outdoors, 2 indoors)"
+            f"{folder} is no scene of the paper by name: give the rate of its frames as `rate_hz` "
+            "(1 outdoors, 2 indoors)"
         )
 
     def walks() -> Iterator[Walk]:
-        for (name, split), images in recordings.items():
-            yield _read_walk(files, name, split, images, rate_hz, options)
+        splits_of: dict[str, int] = Counter(inner for inner, _ in recordings)
+        for (inner, split), images in recordings.items():
+            own = split if inner == "." else inner
+            is_in_both = inner != "." and splits_of[inner] > 1
+            id_ = options.id or id_of(f"{own}-{split}" if is_in_both else own)
+            yield read_walk(files, id_, split, images, rate_hz, options)
 
-    world = World(is_gravity_aligned=_is_z_up(files))
-    return ImportedScene(folder.resolve().name, place, world, len(recordings), walks)
-
-
-def _read_all(folder: Path, names) -> dict[str, Trajectory]:
-    return {
-        key: marvin.FORMAT.read(folder / name, ReadOptions())
-        for key, name in names
-        if (folder / name).is_file()
-    }
+    world = World(is_gravity_aligned=files.is_z_up())
+    return ImportedScene(name, place, world, len(recordings), walks)
 
 
-def _read_vios(folder: Path, options: ImportOptions) -> dict[str, Trajectory]:
-    if options.tracker is not None and options.tracker.lower() not in _TRACKERS:
-        raise ParameterError(
-            f"--tracker: expected {' or '.join(_TRACKERS)}, got {options.tracker!r}"
-        )
-    wanted = _TRACKERS if options.tracker is None else [options.tracker.lower()]
-    found = {}
-    for key in wanted:
-        file, title = _TRACKERS[key]
-        if (folder / file).is_file():
-            found[title] = marvin.VIO_FORMAT.read(folder / file, ReadOptions())
-    return found
-
-
-def _place_of(name: str) -> Place | None:
-    words = set(re.findall(r"[a-z]+", name.lower()))
-    return "outdoor" if words & _OUTDOOR else "indoor" if words & _INDOOR else None
-
-
-def _find_recordings(files: _Files) -> dict[tuple[str, str | None], list[str]]:
-    """Image names of every recording, in natural order, by folder and split.
-
-    Images that only a tracker knows belong to the recording of their folder.
-    """
-    recordings: dict[tuple[str, str | None], list[str]] = {}
-    split_of_folder: dict[str, str] = {}
-    for split, gt in files.gts.items():
-        for name in gt.names or ():
-            folder = str(PurePosixPath(name).parent)
-            split_of_folder.setdefault(folder, split)
-            recordings.setdefault((folder, split), []).append(name)
-    known = {name for names in recordings.values() for name in names}
-    for vio in files.vios.values():
-        for name in vio.names or ():
-            folder = str(PurePosixPath(name).parent)
-            # Without folders, a name says nothing of the recording that it is of.
-            if name not in known and folder in split_of_folder and folder != ".":
-                known.add(name)
-                recordings[folder, split_of_folder[folder]].append(name)
-    for names in recordings.values():
-        names.sort(key=natural_key)
-    return recordings
-
-
-def _read_walk(
-    files: _Files, name: str, split: str | None, images: list[str], rate_hz: float,
+def read_walk(
+    files: SceneFiles,
+    id_: str,
+    split: str,
+    images: list[str],
+    rate_hz: float,
     options: ImportOptions,
-) -> Walk:  # fmt: skip
-    times = _times(images, rate_hz)
-    title, vio = _track_of(files, images)
-    poses = no_poses(len(images))
+) -> Walk:
+    """Read one recording: the images of one folder and split.
+
+    Raises:
+        FormatError: A sensor's file is broken.
+    """
+    title, vio = files.track_of(images)
+    poses = Rigid3.unknown((len(images),))
     if vio is not None:
         poses = spread_poses(vio, _rows_of(images, vio.names or ()), len(images))
-    own = str(split) if name == "." else name
-    is_in_both = name != "." and sum(1 for other in files.gts.values() if _holds(other, name)) > 1
+    # Images are next to the text files, or in a folder images/.
+    beside = [(files.folder / name, files.folder / "images" / name) for name in images]
     walk = Walk(
-        id=options.id or id_of(f"{own}-{split}" if is_in_both else own),
+        id=id_,
         split=options.split_or(split),
-        info=RecordingInfo(
-            device="", tracker=title, source="MARViN", clock="frame-rate", is_metric=True
-        ),
+        info=RecordingInfo(tracker=title, source="MARViN", clock="frame-rate"),
         source=files.folder,
-        timestamp_s=times,
+        timestamp_s=times_of_names(images, rate_hz),
         image_names=flat_names(images),
-        images=[_find_image(files.folder, image) for image in images],
+        images=[b if not a.exists() and b.exists() else a for a, b in beside],
         vio_from_cam=poses,
         tracking=tracking_of(poses),
     )
     walk.note(f"no timestamps: counted at {rate_hz:g} frames per second")
     if vio is None:
-        walk.warn(
-            f"no tracker's file ({', '.join(f for f, _ in _TRACKERS.values())}) has its images"
+        names = ", ".join(file for file, _ in _TRACKERS.values())
+        walk.warn(f"no tracker's file ({names}) has its images")
+    gt = _only(files.gts[split], images)
+    if gt is not None:
+        frames = _rows_of(images, gt.names or ())
+        if vio is not None:
+            gt = choose_reading(walk, gt, vio)
+            up, off_deg, spread_deg = map_up(gt, walk.vio_from_cam, frames)
+            if up:
+                walk.note(
+                    f"map: up is {up} by the tracker, {off_deg:.0f} deg off it, spread "
+                    f"{spread_deg:.1f} deg"
+                )
+        order = np.argsort(walk.timestamp_s[frames])
+        walk.gt = Trajectory.from_arrays(
+            walk.timestamp_s[frames][order], gt.position_m[order], gt.quat_xyzw[order]
         )
-    _add_gt(walk, files, split, images, vio)
     add_sensors(walk, files.folder, images)
     return walk
 
 
-def _holds(trajectory: Trajectory, folder: str) -> bool:
-    return any(str(PurePosixPath(name).parent) == folder for name in trajectory.names or ())
-
-
-def _times(images: Sequence[str], rate_hz: float) -> NDArray[np.float64]:
+def times_of_names(images: Sequence[str], rate_hz: float) -> NDArray[np.float64]:
     """Seconds by frame number where names are numbered one by one, else by order."""
     digits = [re.findall(r"\d+", PurePosixPath(name).stem) for name in images]
     if all(digits):
@@ -194,58 +241,8 @@ def _times(images: Sequence[str], rate_hz: float) -> NDArray[np.float64]:
     return np.arange(len(images)) / rate_hz
 
 
-def _track_of(files: _Files, images: list[str]) -> tuple[str, Trajectory | None]:
-    """The tracker that has most of a recording's images, and its poses of them."""
-    wanted = set(images)
-    best: tuple[str, Trajectory | None] = ("", None)
-    for title, vio in files.vios.items():
-        rows = [row for row, name in enumerate(vio.names or ()) if name in wanted]
-        if rows and (best[1] is None or len(rows) > len(best[1])):
-            best = title, vio.at_rows(np.array(rows))
-    return best
-
-
-def _rows_of(images: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
-    row_of = {name: row for row, name in enumerate(images)}
-    return np.array([row_of[name] for name in names], dtype=np.intp)
-
-
-def _find_image(folder: Path, name: str) -> Path:
-    """Next to the text files, or in a folder images/."""
-    path = folder / name
-    return (
-        path
-        if path.exists() or not (folder / "images" / name).exists()
-        else folder / "images" / name
-    )
-
-
-def _add_gt(
-    walk: Walk, files: _Files, split: str | None, images: list[str], vio: Trajectory | None
-) -> None:
-    """Ground truth, its rotations read the way that fits the tracker."""
-    if split is None:
-        return
-    everything = files.gts[split]
-    wanted = set(images)
-    rows = [row for row, name in enumerate(everything.names or ()) if name in wanted]
-    gt = everything.at_rows(np.array(rows))
-    frames = _rows_of(images, gt.names or ())
-    if vio is not None:
-        gt = _choose_reading(walk, gt, vio)
-        up, off_deg, spread_deg = map_up(gt, walk.vio_from_cam, frames)
-        if up:
-            walk.note(
-                f"map: up is {up} by the tracker, {off_deg:.0f} deg off it, spread "
-                f"{spread_deg:.1f} deg"
-            )
-    order = np.argsort(walk.timestamp_s[frames])
-    walk.gt = Trajectory.from_arrays(
-        walk.timestamp_s[frames][order], gt.position_m[order], gt.quat_xyzw[order]
-    )
-
-
-def _choose_reading(walk: Walk, gt: Trajectory, vio: Trajectory) -> Trajectory:
+def choose_reading(walk: Walk, gt: Trajectory, vio: Trajectory) -> Trajectory:
+    """Ground truth with its rotations read the way that fits the tracker; findings are added."""
     try:
         is_inverted = fits_better_inverted(gt, vio)
     except AssociationError as error:
@@ -258,18 +255,16 @@ def _choose_reading(walk: Walk, gt: Trajectory, vio: Trajectory) -> Trajectory:
     return gt.with_transforms(conventions.centre_and_cam_from_world(gt.target_from_source))
 
 
-def _is_z_up(files: _Files) -> bool:
-    """Whether the map's z is up by the trackers, within 5 degrees."""
-    for gt in files.gts.values():
-        for vio in files.vios.values():
-            known = set(gt.names or ())
-            names = [name for name in vio.names or () if name in known]
-            if len(names) > 1:
-                in_gt, in_vio = _rows_of(gt.names or (), names), _rows_of(vio.names or (), names)
-                poses = spread_poses(vio.at_rows(in_vio), in_gt, len(gt))
-                up, off_deg, _ = map_up(gt, poses, np.arange(len(gt)))
-                return up == "+z" and off_deg < 5
-    return False
+def _only(track: Trajectory, names: Iterable[str]) -> Trajectory | None:
+    """The poses of some names, or None if it has none of them."""
+    wanted = set(names)
+    rows = [row for row, name in enumerate(track.names or ()) if name in wanted]
+    return track.at_rows(np.array(rows)) if rows else None
+
+
+def _rows_of(images: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    row_of = {name: row for row, name in enumerate(images)}
+    return np.array([row_of[name] for name in names], dtype=np.intp)
 
 
 IMPORTER = Importer(

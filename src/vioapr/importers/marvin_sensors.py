@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from vioapr.files.tables import parse_rows
 from vioapr.files.text import read_text
+from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2
 from vioapr.importers.base import Walk
-from vioapr.importers.device import GRAVITY_M_S2
 from vioapr.importers.diagnostics import accelerometer_off_deg
 from vioapr.scene.frames import Tracking
 from vioapr.scene.sensors import Gnss, Heading, Imu
@@ -25,6 +25,8 @@ from vioapr.scene.sensors import Gnss, Heading, Imu
 _MAX_OFF_DEG = 15.0
 # OpenCV camera axes from the screen's: x right, y up, z towards the person.
 _CAM_FROM_SCREEN = np.diag([1.0, -1.0, -1.0])
+# About the screen's z.
+_QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def add_sensors(walk: Walk, folder: Path, images: Sequence[str]) -> None:
@@ -46,7 +48,7 @@ def add_sensors(walk: Walk, folder: Path, images: Sequence[str]) -> None:
         walk.heading = Heading(walk.timestamp_s[rows], values[:, 0] % 360, nothing)
         walk.note("compass: headings are kept as written; how the phone was held is not known")
     if (found := _read(folder, "accel", 3, row_of)) is not None:
-        _add_accelerometer(walk, *found)
+        add_accelerometer(walk, *found)
 
 
 def _read(
@@ -67,15 +69,21 @@ def _read(
     return frames[order], rows.numbers(slice(1, width + 1))[order]
 
 
-def _add_accelerometer(walk: Walk, rows: NDArray[np.intp], accel_g: NDArray[np.float64]) -> None:
-    """Unity gives the direction of gravity at rest; recordings hold what holds against it."""
+def add_accelerometer(walk: Walk, rows: NDArray[np.intp], accel_g: NDArray[np.float64]) -> None:
+    """Add the accelerometer in the one of four turns of the screen that fits the tracker.
+
+    Args:
+        walk: With the tracker's poses.
+        rows: The frame of each measurement, shape (n,).
+        accel_g: By Unity, shape (n, 3), g: at rest it points down, and recordings' points up.
+    """
     posed = np.flatnonzero(walk.tracking != Tracking.LOST)
     if not len(posed):
         return
     best: tuple[float, int, Imu | None] = (np.inf, 0, None)
     for quarter in range(4):
-        turn = np.round(_turn_about_z(90.0 * quarter))
-        force = -GRAVITY_M_S2 * accel_g @ (_CAM_FROM_SCREEN @ turn).T
+        turn = np.linalg.matrix_power(_QUARTER_TURN, quarter)
+        force = -STANDARD_GRAVITY_M_S2 * accel_g @ (_CAM_FROM_SCREEN @ turn).T
         walk.imu = Imu(walk.timestamp_s[rows], force, np.full_like(force, np.nan))
         off_deg = accelerometer_off_deg(walk, posed)
         if off_deg is not None and off_deg < best[0]:
@@ -90,8 +98,3 @@ def _add_accelerometer(walk: Walk, rows: NDArray[np.intp], accel_g: NDArray[np.f
         walk.note(
             f"accelerometer: taken as turned by {turn_deg} deg on the screen, which fits gravity"
         )
-
-
-def _turn_about_z(angle_deg: float) -> NDArray[np.float64]:
-    cosine, sine = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

@@ -34,16 +34,17 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
     """A transforms.json or the folder that holds it."""
-    return one_walk(lambda: _read_walk(source, options))
+    return one_walk(lambda: read_walk(source, options))
 
 
-def _read_walk(source: Path, options: ImportOptions) -> Walk:
+def read_walk(source: Path, options: ImportOptions) -> Walk:
+    """Read the poses, cameras and paths of images."""
     path = source / _FILE if source.is_dir() else source
     poses = nerfstudio.read(path, ReadOptions())
     content = load_object(path, read_text(path))
     assert poses.names is not None  # every frame has a file_path
     entries = {frame["file_path"]: frame for frame in get_list(path, content, "frames")}
-    images = [_find_image(path.parent, name) for name in poses.names]
+    images = [find_image(path.parent, name) for name in poses.names]
     rate_hz = options.rate_hz or _DEFAULT_RATE_HZ
     world, vio_from_cam = turn_y_up(poses)
     walk = Walk(
@@ -61,7 +62,7 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
         images=images,
         vio_from_cam=vio_from_cam,
         tracking=tracking_of(vio_from_cam),
-        intrinsics=_read_cameras(path, content, [entries[name] for name in poses.names]),
+        intrinsics=read_cameras(path, content, [entries[name] for name in poses.names]),
     )
     walk.note(f"world: {world}")
     walk.warn(f"no timestamps: counted at {rate_hz:g} frames per second in the order of the names")
@@ -72,7 +73,7 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
     return walk
 
 
-def _find_image(folder: Path, name: str) -> Path:
+def find_image(folder: Path, name: str) -> Path:
     """An image by its path in the file, which some tools write without the ending."""
     path = folder / name
     if path.suffix.lower() in IMAGE_SUFFIXES:
@@ -83,7 +84,7 @@ def _find_image(folder: Path, name: str) -> Path:
     return path.with_name(path.name + ".png")  # as instant-ngp takes it
 
 
-def _read_cameras(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> Intrinsics:
+def read_cameras(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> Intrinsics:
     """Of every frame, else of the file, else not known."""
     rows = []
     for entry, frame in enumerate(frames, start=1):

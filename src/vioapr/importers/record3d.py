@@ -36,16 +36,22 @@ _DEFAULT_RATE_HZ = 30.0
 
 def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
     """An `.r3d` file or an unpacked folder."""
-    return one_walk(lambda: _read_walk(source, options))
+    return one_walk(lambda: read_walk(source, options))
 
 
-def _read_walk(source: Path, options: ImportOptions) -> Walk:
-    metadata = _find_metadata(source)
+def read_walk(source: Path, options: ImportOptions) -> Walk:
+    """Read the metadata, and find the images that belong to its poses."""
+    metadata = source
+    if source.is_dir():
+        found = [source / name for name in _METADATA if (source / name).exists()]
+        if not found:
+            raise FormatError(source, f"expected a file {' or '.join(_METADATA)}, found none")
+        metadata = found[0]
     read_options = ReadOptions(rate_hz=options.rate_hz or _DEFAULT_RATE_HZ)
     vio = record3d.read(metadata, read_options)
     content = load_object(metadata, record3d.read_metadata(metadata))
-    images = _find_images(source)
-    names = [f"{row:06d}{_suffix(images.get(row))}" for row in range(len(vio))]
+    images = find_images(source)
+    suffixes = {row: Path(image).suffix.lower() for row, image in images.items()}
     has_clock = "frameTimestamps" in content
     walk = Walk(
         id=options.id or id_of(source.resolve().stem),
@@ -55,11 +61,13 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
         ),
         source=source,
         timestamp_s=vio.timestamp_s,
-        image_names=[name if row in images else "" for row, name in enumerate(names)],
-        images=_read_images(source, images, len(vio)),
+        image_names=[
+            f"{row:06d}{suffixes[row]}" if row in suffixes else "" for row in range(len(vio))
+        ],
+        images=read_images(source, images, len(vio)),
         vio_from_cam=vio.target_from_source,
         tracking=tracking_of(vio.target_from_source),
-        intrinsics=_read_intrinsics(metadata, content, len(vio)),
+        intrinsics=read_intrinsics(metadata, content, len(vio)),
     )
     if not has_clock:
         walk.warn("no timestamps: counted from the frame rate")
@@ -69,16 +77,7 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
     return walk
 
 
-def _find_metadata(source: Path) -> Path:
-    if not source.is_dir():
-        return source
-    for name in _METADATA:
-        if (source / name).exists():
-            return source / name
-    raise FormatError(source, f"expected a file {' or '.join(_METADATA)}, found none")
-
-
-def _find_images(source: Path) -> dict[int, str]:
+def find_images(source: Path) -> dict[int, str]:
     """Paths of the images, in the folder or in the zip, by the frame's number."""
     if source.is_dir():
         found = [
@@ -101,7 +100,8 @@ def _find_images(source: Path) -> dict[int, str]:
     return {int(Path(name).stem): name for name in found if Path(name).stem.isdecimal()}
 
 
-def _read_images(source: Path, images: dict[int, str], count: int) -> Iterator[Image]:
+def read_images(source: Path, images: dict[int, str], count: int) -> Iterator[Image]:
+    """The images of some frames in order, as paths or bytes; None where there is none."""
     if source.is_dir():
         yield from (Path(images[row]) if row in images else None for row in range(count))
         return
@@ -113,11 +113,12 @@ def _read_images(source: Path, images: dict[int, str], count: int) -> Iterator[I
                 yield b""  # damaged: reported as an empty image
 
 
-def _suffix(path: str | None) -> str:
-    return ".jpg" if path is None else Path(path).suffix.lower()
+def read_intrinsics(path: Path, content: dict[str, Any], count: int) -> Intrinsics:
+    """Of every frame, else of all, else not known.
 
-
-def _read_intrinsics(path: Path, content: dict[str, Any], count: int) -> Intrinsics:
+    Raises:
+        FormatError: They are no numbers.
+    """
     width, height = (
         float(as_numbers(path, content[key], (), f'"{key}"', 1)) if key in content else np.nan
         for key in ("w", "h")

@@ -17,9 +17,9 @@ from vioapr.importers import (
     sevenscenes,
     stray,
 )
-from vioapr.importers.base import Finding, Importer, ImportOptions, Place, Walk
-from vioapr.importers.diagnostics import judge
-from vioapr.importers.write import open_or_create, write_walk
+from vioapr.importers.base import Finding, Importer, ImportOptions, Place
+from vioapr.importers.diagnostics import diagnose
+from vioapr.importers.write import open_or_create, write_recording
 from vioapr.work.progress import Progress
 
 IMPORTERS: dict[str, Importer] = {
@@ -95,7 +95,9 @@ def import_source(
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.
     """
-    _check_options(importer, options)
+    for name in ("tracker", "poses", "gt", "rate_hz"):
+        if getattr(options, name) is not None and name not in importer.uses:
+            raise ParameterError(f"`{name}` has no meaning for {importer.name}")
     if not source.exists():
         raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
     scenes = importer.read(source, options)
@@ -105,21 +107,12 @@ def import_source(
             if scene is None:
                 folder = out / imported.name if len(scenes) > 1 else out
                 scene = open_or_create(folder, imported, place)
-            judge(walk)
+            diagnose(walk)
             with progress(f"importing {walk.id}", len(walk)) as tick:
-                scene = write_walk(scene, walk, link=link, tick=tick)
-            folder = scene.recording_folder(walk.id)
-            yield _describe(folder, walk)
-
-
-def _describe(folder: Path, walk: Walk) -> Imported:
-    is_excluded = walk.info.is_diverging
-    split = None if is_excluded else walk.split
-    return Imported(folder, split, is_excluded, tuple(walk.findings))
-
-
-def _check_options(importer: Importer, options: ImportOptions) -> None:
-    for name in ("tracker", "poses", "gt", "rate_hz"):
-        if getattr(options, name) is not None and name not in importer.uses:
-            flag = "--" + name.replace("_", "-")
-            raise ParameterError(f"{flag} has no meaning for {importer.name}")
+                scene = write_recording(scene, walk, link=link, tick=tick)
+            yield Imported(
+                folder=scene.recording_folder(walk.id),
+                split=None if walk.info.is_diverging else walk.split,
+                is_excluded=walk.info.is_diverging,
+                findings=tuple(walk.findings),
+            )

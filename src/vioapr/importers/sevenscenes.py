@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from vioapr.errors import FormatError, ParameterError
-from vioapr.files.text import natural_key, read_text
+from vioapr.errors import FormatError
+from vioapr.files.text import natural_key, read_text, require_folder
 from vioapr.formats import sevenscenes
 from vioapr.formats.base import ReadOptions
 from vioapr.importers.base import (
@@ -16,9 +16,9 @@ from vioapr.importers.base import (
     ImportOptions,
     Walk,
     id_of,
-    require_folder,
+    labelled_walk,
+    require_one,
 )
-from vioapr.importers.labelled import labelled_walk
 from vioapr.scene.frames import Intrinsics
 from vioapr.schemas.scene import World
 
@@ -37,39 +37,56 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
         FormatError: It is none, or its split files name sequences that are not there.
     """
     require_folder(source, "a 7-Scenes folder")
+    split_of: dict[int, str] = {}
     if next(source.glob(_POSES), None) is not None:
-        folders = {source: options.split_or(None)}
+        folders = [source]
+        name = source.resolve().parent.name
     else:
-        folders = _find_sequences(source, options)
-    if options.id is not None and len(folders) > 1:
-        raise ParameterError(f"--id names one recording, and {source} holds {len(folders)}")
+        folders = [p.parent for p in source.glob("*/frame-000000.pose.txt")]
+        folders = folders or sorted({p.parent for p in source.glob(f"*/{_POSES}")})
+        if not folders:
+            problem = "expected folders seq-XX of frame-XXXXXX.pose.txt, found none"
+            raise FormatError(source, problem)
+        folders.sort(key=lambda folder: natural_key(folder.name))
+        split_of = read_splits(source, {_number(folder.name) for folder in folders})
+        name = source.resolve().name
+    require_one(source, options, len(folders))
 
     def walks() -> Iterator[Walk]:
-        for folder, split in folders.items():
-            yield _read_sequence(folder, split, options)
+        for folder in folders:
+            labels = sevenscenes.read(folder, ReadOptions())
+            assert labels.names is not None
+            walk = labelled_walk(
+                options.id or id_of(folder.resolve().name),
+                options.split_or(split_of.get(_number(folder.name))),
+                folder,
+                "7-Scenes",
+                labels,
+                [folder / name.split("/")[-1] for name in labels.names],
+                options.rate_hz or _RATE_HZ,
+                _CAMERA,
+            )
+            walk.note("intrinsics: the nominal 525 px of the colour camera")
+            yield walk
 
-    name = source.resolve().parent.name if source in folders else source.resolve().name
     return [ImportedScene(name, "indoor", _WORLD, len(folders), walks)]
 
 
-def _find_sequences(source: Path, options: ImportOptions) -> dict[Path, str | None]:
-    found = [p.parent for p in source.glob("*/frame-000000.pose.txt")]
-    found = found or sorted({p.parent for p in source.glob(f"*/{_POSES}")})
-    if not found:
-        raise FormatError(source, "expected folders seq-XX of frame-XXXXXX.pose.txt, found none")
-    found.sort(key=lambda folder: natural_key(folder.name))
-    split_of = _read_splits(source, {_number(folder.name) for folder in found})
-    return {folder: options.split_or(split_of.get(_number(folder.name))) for folder in found}
+def read_splits(source: Path, numbers: set[int]) -> dict[int, str]:
+    """The split of each sequence's number, by a scene's TrainSplit.txt and TestSplit.txt.
 
+    Args:
+        source: The scene's folder.
+        numbers: Of the sequences that are there.
 
-def _read_splits(source: Path, numbers: set[int]) -> dict[int, str]:
-    """The split of each sequence's number."""
+    Raises:
+        FormatError: A file names another sequence.
+    """
     split_of: dict[int, str] = {}
     for split, name in (("train", "TrainSplit.txt"), ("test", "TestSplit.txt")):
         path = source / name
-        if not path.exists():
-            continue
-        for line, text in enumerate(read_text(path).splitlines(), start=1):
+        lines = read_text(path).splitlines() if path.exists() else []
+        for line, text in enumerate(lines, start=1):
             if not text.strip():
                 continue
             number = _number(text)
@@ -82,17 +99,6 @@ def _read_splits(source: Path, numbers: set[int]) -> dict[int, str]:
 def _number(name: str) -> int:
     digits = re.findall(r"\d+", name)
     return int(digits[-1]) if digits else -1
-
-
-def _read_sequence(folder: Path, split: str | None, options: ImportOptions) -> Walk:
-    labels = sevenscenes.read(folder, ReadOptions())
-    assert labels.names is not None
-    images = [folder / name.split("/")[-1] for name in labels.names]
-    id_ = options.id or id_of(folder.resolve().name)
-    rate_hz = options.rate_hz or _RATE_HZ
-    walk = labelled_walk(id_, split, folder, "7-Scenes", labels, images, rate_hz, _CAMERA)
-    walk.note("intrinsics: the nominal 525 px of the colour camera")
-    return walk
 
 
 IMPORTER = Importer(

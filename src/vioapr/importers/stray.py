@@ -6,6 +6,7 @@ which are those of the column `frame`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,10 +15,11 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.tables import Rows, parse_rows, read_headed_csv
-from vioapr.files.text import read_text
+from vioapr.files.text import read_text, require_folder
 from vioapr.formats import stray
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.headed import POSE_COLUMNS
+from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2
 from vioapr.importers.base import (
     Image,
     ImportedScene,
@@ -27,16 +29,18 @@ from vioapr.importers.base import (
     id_of,
     list_image_names,
     one_walk,
-    require_folder,
     tracking_of,
 )
-from vioapr.importers.device import imu_of_device
 from vioapr.importers.video import count_video_frames, read_video
 from vioapr.scene.frames import Intrinsics
 from vioapr.scene.sensors import Imu
 from vioapr.schemas.recording import RecordingInfo
 
 _ODOMETRY, _MATRIX, _IMU, _VIDEO = "odometry.csv", "camera_matrix.csv", "imu.csv", "rgb.mp4"
+_IMU_COLUMNS = ("timestamp", "a_x", "a_y", "a_z", "alpha_x", "alpha_y", "alpha_z")
+# iOS measures in the device's axes: held upright before one's face, x to the right, y up, z
+# towards the person. The camera lies on its side in it.
+_CAM_FROM_DEVICE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _IMAGE_FOLDERS = ("rgb", "images", "color")
 
 
@@ -47,14 +51,15 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
         FormatError: It is none.
     """
     require_folder(source, f"a Stray Scanner folder with {_ODOMETRY}")
-    return one_walk(lambda: _read_walk(source, options))
+    return one_walk(lambda: read_walk(source, options))
 
 
-def _read_walk(source: Path, options: ImportOptions) -> Walk:
+def read_walk(source: Path, options: ImportOptions) -> Walk:
+    """Read the odometry, cameras, images and sensors of a recording."""
     odometry = source / _ODOMETRY
     vio = stray.read(odometry, ReadOptions())
-    numbers, intrinsics = _read_columns(source)
-    names, images, problem = _find_images(source, numbers)
+    numbers, intrinsics = read_cameras(source)
+    names, images, problem = find_images(source, numbers)
     walk = Walk(
         id=options.id or id_of(source.resolve().name),
         split=options.split_or("train"),
@@ -70,11 +75,16 @@ def _read_walk(source: Path, options: ImportOptions) -> Walk:
     if problem:
         walk.warn(problem)
     if (source / _IMU).exists():
-        walk.imu = _read_imu(source / _IMU, walk)
+        rows = read_headed_csv(source / _IMU, _IMU_COLUMNS)
+        values = rows.numbers(slice(0, 7))
+        if (np.diff(values[:, 0]) < 0).any():
+            walk.warn("imu.csv: rows are not in order of time, and were sorted")
+        values = values[np.argsort(values[:, 0], kind="stable")]
+        walk.imu = imu_of_device(walk, values[:, 0], values[:, 1:4], values[:, 4:7])
     return walk
 
 
-def _read_columns(source: Path) -> tuple[NDArray[np.int64], Intrinsics]:
+def read_cameras(source: Path) -> tuple[NDArray[np.int64], Intrinsics]:
     """Frame numbers, and intrinsics of every frame, or, in older files, of the last."""
     odometry = source / _ODOMETRY
     try:
@@ -101,7 +111,7 @@ def _frame_numbers(rows: Rows) -> NDArray[np.int64]:
     return np.array([int(field) for field in rows.column(0)])
 
 
-def _find_images(
+def find_images(
     source: Path, numbers: NDArray[np.int64]
 ) -> tuple[list[str], Iterator[Image], str | None]:
     """Names and images of the frames, and what does not fit about them."""
@@ -127,25 +137,40 @@ def _find_images(
     names = [f"{number:06d}.jpg" for number in numbers.tolist()]
     if count is not None:
         names = [name if row < count else "" for row, name in enumerate(names)]
-    return names, _video_frames(video, len(numbers)), problem
+    # A video that ends early leaves the last frames without image.
+    decoded = itertools.chain(read_video(video), itertools.repeat(None))
+    return names, itertools.islice(decoded, len(numbers)), problem
 
 
-def _video_frames(video: Path, count: int) -> Iterator[Image]:
-    frames = read_video(video)
-    for _ in range(count):
-        yield next(frames, None)
+def imu_of_device(
+    walk: Walk,
+    timestamp_s: NDArray[np.float64],
+    accel: NDArray[np.float64],
+    gyro_rad_s: NDArray[np.float64],
+) -> Imu:
+    """Measurements of an iPhone in the axes and units of recordings; says what the units were.
 
-
-def _read_imu(path: Path, walk: Walk) -> Imu:
-    rows = read_headed_csv(
-        path, ("timestamp", "a_x", "a_y", "a_z", "alpha_x", "alpha_y", "alpha_z")
-    )
-    values = rows.numbers(slice(0, 7))
-    times = values[:, 0]
-    order = np.argsort(times, kind="stable")
-    if (np.diff(times) < 0).any():
-        walk.warn("imu.csv: rows are not in order of time, and were sorted")
-    return imu_of_device(walk, times[order], values[order, 1:4], values[order, 4:7])
+    Args:
+        walk: Where findings go.
+        timestamp_s: Shape (n,), s.
+        accel: Device axes, shape (n, 3). By Core Motion in g, of the reaction's opposite sign: at
+            rest it points down. Some apps write m/s^2; the length tells.
+        gyro_rad_s: Device axes, shape (n, 3), rad/s.
+    """
+    length = float(np.median(np.linalg.norm(accel, axis=1)))
+    if 0.7 < length < 1.5:
+        unit, scale = "g", STANDARD_GRAVITY_M_S2
+    elif 7 < length < 15:
+        unit, scale = "m/s^2", 1.0
+    else:
+        walk.warn(
+            f"accelerometer: its median is {length:.2f}, neither 1 g nor 9.81 m/s^2: without "
+            "gravity? It is left out"
+        )
+        unit, scale = "", np.nan
+    if unit:
+        walk.note(f"accelerometer: in {unit} (median {length:.2f}), turned to camera axes")
+    return Imu(timestamp_s, -scale * accel @ _CAM_FROM_DEVICE.T, gyro_rad_s @ _CAM_FROM_DEVICE.T)
 
 
 IMPORTER = Importer(

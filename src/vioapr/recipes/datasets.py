@@ -10,9 +10,9 @@ from pathlib import Path
 from vioapr.errors import FileMissingError, FormatError, ParameterError
 from vioapr.files.text import read_text, write_text
 from vioapr.importers.base import ImportOptions
-from vioapr.importers.diagnostics import judge
+from vioapr.importers.diagnostics import diagnose
 from vioapr.importers.registry import get_importer
-from vioapr.importers.write import open_or_create, write_walk
+from vioapr.importers.write import open_or_create, write_recording
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.schemas.base import decode, encode
 from vioapr.schemas.reproduction import ImportNote, Place
@@ -199,9 +199,9 @@ def import_scene(data_set: DataSet, source: Path, folder: Path, progress: Progre
                     folder, f"expected recordings that {SCENE_FILE} names, found {walk.id!r} "
                     "besides: the import was cut off; remove this folder and run again"
                 )  # fmt: skip
-            judge(walk)
+            diagnose(walk)
             with progress(f"importing {folder.name}/{walk.id}", len(walk)) as tick:
-                scene = write_walk(scene, walk, link=True, tick=tick)
+                scene = write_recording(scene, walk, link=True, tick=tick)
     for split in ("train", "test"):
         if not scene.splits.get(split):
             raise FormatError(
