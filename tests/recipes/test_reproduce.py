@@ -268,7 +268,7 @@ def test_settings_are_noted_as_they_always_were(tmp_path):
     note.write_text(json.dumps(older))
     keep_settings(training)
     note.write_text(json.dumps(OLD_SETTINGS | {"lr": "high"}))
-    with pytest.raises(FormatError, match=r"settings.json: lr: expected `float`, got `str`"):
+    with pytest.raises(FormatError, match=r"settings.json: lr: expected a number, got 'high'"):
         keep_settings(training)
     note.write_text(json.dumps(OLD_SETTINGS)[:50])
     with pytest.raises(FormatError, match=r"settings.json.*: expected JSON"):
