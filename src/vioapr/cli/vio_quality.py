@@ -81,7 +81,9 @@ def print_qualities(qualities: list[VioQuality], params: VioQualityParams) -> No
                 format_number(quality.path_m, 1),
                 format_error(quality.ate_m),
                 format_median(summarize(quality.errors)),
-                format_median(summarize(PoseErrors(*quality.gaps))),
+                format_median(
+                    summarize(PoseErrors(quality.gaps.distance_m, quality.gaps.angle_deg))
+                ),
                 format_number(100 * quality.share_within, 1),
                 format_error(percent * distance.position_m),
                 f"{format_error(minute.position_m * a_minute)}, "

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.geometry import rigid
-from vioapr.geometry.arrays import Array
+from vioapr.geometry.arrays import Mask
 from vioapr.geometry.relative import RelativeGap, relative_gap
 from vioapr.geometry.rigid import Rigid3
 
@@ -86,7 +86,7 @@ def relative_errors(
     )
 
 
-def summarize(errors: PoseErrors, is_counted: Array | None = None) -> Summary:
+def summarize(errors: PoseErrors, is_counted: Mask | None = None) -> Summary:
     """Medians, 95th percentiles and precision levels over the last axis.
 
     Args:

@@ -69,7 +69,10 @@ def to_record(qualities: Sequence[VioQuality]) -> VioQualityRecord:
 
 def _track_record(quality: VioQuality) -> TrackRecord:
     track, time, distance = quality.track, quality.per_time, quality.per_distance
-    absolute, relative = summarize(quality.errors), summarize(PoseErrors(*quality.gaps))
+    absolute, relative = (
+        summarize(quality.errors),
+        summarize(PoseErrors(quality.gaps.distance_m, quality.gaps.angle_deg)),
+    )
     stretch_m, stretch_s = distance.stretch or np.nan, time.stretch or np.nan
     return TrackRecord(
         set=track.set_name,

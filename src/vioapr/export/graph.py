@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields, replace
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -154,9 +154,8 @@ class FusionGraph(nn.Module):
         pose = _flat(estimate.world_from_cam)
         next_state = torch.cat([self.initial_state[:1], *self.layout.pack(after)])
         # Numbers that overflowed must not look like a pose, nor live on.
-        status = torch.where(
-            _is_below(_FARTHEST_M, pose), estimate.status, torch.zeros_like(estimate.status)
-        )
+        status = cast("Tensor", estimate.status)
+        status = torch.where(_is_below(_FARTHEST_M, pose), status, torch.zeros_like(status))
         next_state = torch.where(
             _is_below(_LARGEST, next_state), next_state, torch.zeros_like(next_state)
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,7 +74,7 @@ class StateLayout:
         parts = [array.astype(np.float32).reshape(-1) for array in arrays]
         self.initial = np.concatenate([[np.float32(self.tag)], *parts]).astype(np.float32)
 
-    def unpack(self, pieces: list[Array]) -> Any:
+    def unpack(self, pieces: Sequence[Array]) -> Any:
         """The method's state, batch shape (1,), from the leaves' pieces of the vector."""
         arrays = []
         for leaf, piece in zip(self.leaves, pieces, strict=True):
@@ -84,7 +85,7 @@ class StateLayout:
         following = iter(arrays)
         return tree_map(lambda _: next(following), self._template)
 
-    def pack(self, state: Any) -> list[Array]:
+    def pack(self, state: Any) -> list[Any]:
         """The pieces of the vector, each of shape (k,), from a state of batch shape (1,)."""
         pieces = []
         for array in tree_leaves(state):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.tables import Rows
@@ -34,9 +36,11 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         ParameterError: The options do not fit the file's sequences.
     """
     frames = get_list(path, load_object(path, read_text(path)), "frames")
-    names, matrices = [], []
-    for entry, frame in enumerate(frames, start=1):
-        name = frame.get("file_path") if isinstance(frame, dict) else None
+    names: list[str] = []
+    matrices: list[NDArray[np.float64]] = []
+    for entry, value in enumerate(frames, start=1):
+        frame = cast("dict[str, Any]", value) if isinstance(value, dict) else {}
+        name = frame.get("file_path")
         if not isinstance(name, str):
             raise FormatError(path, 'expected a frame with a text "file_path"', entry)
         names.append(name)

@@ -109,7 +109,8 @@ def build_trajectory(
     """
     kept = list(range(len(rows)))
     if options.skipped is not None:
-        kept, latest_s = [], -math.inf
+        kept.clear()
+        latest_s = -math.inf
         for row, time_s in enumerate(timestamp_s.tolist()):
             # NaN is kept, for find_problem to report.
             if time_s <= latest_s:

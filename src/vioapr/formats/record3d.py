@@ -10,7 +10,7 @@ import io
 import json
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -53,10 +53,10 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     )
     rows = Rows.numbered(path, len(entries))
     poses = conventions.world_from_arcam(poses_of(rows, values[:, 4:7], values[:, :4]))
-    stamps = metadata.get("frameTimestamps")
+    stamps: object = metadata.get("frameTimestamps")
     times = None
-    if isinstance(stamps, list) and len(stamps) == len(rows):
-        times = as_numbers(path, stamps, (len(rows),), '"frameTimestamps"', 1)
+    if isinstance(stamps, list) and len(cast("list[object]", stamps)) == len(rows):
+        times = as_numbers(path, cast("object", stamps), (len(rows),), '"frameTimestamps"', 1)
     elif "fps" in metadata:
         fps = float(as_numbers(path, metadata["fps"], (), '"fps"', 1))
         if not 1e-6 < fps < 1e6:

@@ -61,20 +61,25 @@ def read_sigmas(path: Path, predictions: Trajectory) -> Sigmas:
     values = rows.numbers(slice(0, 3))
     timestamp_s, sigmas = values[:, 0], values[:, 1:]
     wrong = (sigmas < 0) | np.isinf(sigmas)
-    for row, column in np.argwhere(wrong)[:1]:
+    if wrong.any():
+        row, column = divmod(int(np.argmax(wrong)), 2)
         got = f"expected a {COLUMNS[1 + column]} of at least 0, or nan, got {sigmas[row, column]}"
         raise FormatError(path, got, rows.lines[row])
-    for row in np.flatnonzero(~np.isfinite(timestamp_s))[:1]:
+    if not np.isfinite(timestamp_s).all():
+        row = int(np.argmin(np.isfinite(timestamp_s)))
         problem = f"expected a finite timestamp_s, got {timestamp_s[row]}"
         raise FormatError(path, problem, rows.lines[row])
     nearest = nearest_rows(timestamp_s, predictions.timestamp_s)
-    gaps = np.abs(predictions.timestamp_s[nearest] - timestamp_s)
-    for row in np.flatnonzero(gaps > _SAME_TIME_S)[:1]:
+    is_stray = np.abs(predictions.timestamp_s[nearest] - timestamp_s) > _SAME_TIME_S
+    if is_stray.any():
+        row = int(np.argmax(is_stray))
         problem = f"expected the time of a prediction, got {timestamp_s[row]:.6f} s"
         nearest_is = f"the nearest one is at {predictions.timestamp_s[nearest[row]]:.6f} s"
         raise FormatError(path, f"{problem}: {nearest_is}", rows.lines[row])
     first = np.unique(nearest, return_index=True)[1]
-    for row in np.setdiff1d(np.arange(len(nearest)), first)[:1]:
+    again = np.setdiff1d(np.arange(len(nearest)), first)
+    if len(again):
+        row = int(again[0])
         problem = f"expected one row a prediction, got {timestamp_s[row]:.6f} s again"
         raise FormatError(path, problem, rows.lines[row])
     ordered = np.full((2, len(predictions)), np.nan)

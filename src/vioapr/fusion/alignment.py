@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from vioapr.fusion.types import FrameInput
-from vioapr.geometry.arrays import Array, compute_where, constant, namespace, select, zeros
+from vioapr.geometry.arrays import Array, Mask, compute_where, constant, namespace, select, zeros
 from vioapr.geometry.averaging import geometric_median, mean_quaternion
 from vioapr.geometry.relative import relative_gap
 from vioapr.geometry.rigid import Rigid3, between, choose, stack
@@ -58,7 +58,7 @@ class Reference(NamedTuple):
 
     apr_world_from_cam: Rigid3
     vio_from_cam: Rigid3
-    is_known: Array
+    is_known: Mask
 
     def world_from_vio(self) -> Rigid3:
         """The rigid transform between the worlds (Algorithm 1, lines 1-3)."""
@@ -98,7 +98,7 @@ def passes_checker(
     apr_from_a: Rigid3,
     vio_from_a: Rigid3,
     frame: FrameInput,
-) -> Array:
+) -> Mask:
     """Whether a frame's motion since pose a is the same for regressor and VIO, shape (...)."""
     gap = relative_gap(apr_from_a, frame.apr_world_from_cam, vio_from_a, frame.vio_from_cam)
     return (gap.distance_m <= params.distance_threshold_m) & (
@@ -131,7 +131,7 @@ def push(newest_first: Rigid3, pose: Rigid3) -> Rigid3:
 
 
 def update_reference(
-    params: CheckerParams, reference: Reference, run: Run, is_complete: Array
+    params: CheckerParams, reference: Reference, run: Run, is_complete: Mask
 ) -> Reference:
     """The reference, replaced by the means of the run where that is complete, shape (...)."""
     xp = namespace(run.length)
@@ -153,7 +153,7 @@ def _mean_poses(position_m: Array, quat_xyzw: Array, weights: Array) -> tuple[Ar
     return newest[..., 0, :] + medians, mean_quaternion(quat_xyzw, weights[..., None, :])
 
 
-def hide_unless(condition: Array, pose: Rigid3) -> Rigid3:
+def hide_unless(condition: Mask, pose: Rigid3) -> Rigid3:
     """The pose where the condition holds, NaN elsewhere."""
     nan = constant(float("nan"), pose.translation_m)
     xp = namespace(pose.translation_m)

@@ -48,7 +48,8 @@ class FusedWalk:
     def to_trajectory(self) -> Trajectory:
         """The localized frames, of which there must be at least one."""
         rows = self.is_localized
-        return Trajectory(self.timestamp_s[rows], *self.world_from_cam.at(rows))
+        poses = self.world_from_cam.at(rows)
+        return Trajectory(self.timestamp_s[rows], poses.translation_m, poses.quat_xyzw)
 
 
 def write_fused_csv(path: Path, fused: FusedWalk) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -128,8 +128,9 @@ def _to_rigid(name: str, value: Rigid3 | ArrayLike | None) -> Rigid3:
                 f"of the matrix, got determinant {determinant:.4g}"
             )
         value = Rigid3.from_matrix(matrix)
-    position_m = np.asarray(value.translation_m, dtype=np.float64)
-    quat = np.asarray(value.quat_xyzw, dtype=np.float64)
+    pose = cast("Rigid3", value)
+    position_m = np.asarray(pose.translation_m, dtype=np.float64)
+    quat = np.asarray(pose.quat_xyzw, dtype=np.float64)
     if position_m.shape != (3,) or quat.shape != (4,):
         raise ParameterError(
             f"{name}: expected one pose, a position of shape (3,) and a quaternion xyzw of "

@@ -24,7 +24,7 @@ import tyro
 from vioapr.errors import ParameterError
 from vioapr.fusion.alignment import hide_unless, push
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
-from vioapr.geometry.arrays import Array, namespace, select, zeros
+from vioapr.geometry.arrays import Array, Mask, namespace, select, zeros
 from vioapr.geometry.pose_graph import (
     Factors,
     gauss_newton,
@@ -88,7 +88,7 @@ class Window(NamedTuple):
     vio_from_cam: Rigid3
     length: Array
 
-    def is_valid(self) -> Array:
+    def is_valid(self) -> Mask:
         """Which poses count, shape (..., window)."""
         xp = namespace(self.length)
         ones = xp.ones_like(self.vio_from_cam.translation_m[..., 0])
@@ -145,7 +145,7 @@ def _extend(window: Window, frame: FrameInput) -> Window:
     )
 
 
-def _choose_window(condition: Array, if_true: Window, if_false: Window) -> Window:
+def _choose_window(condition: Mask, if_true: Window, if_false: Window) -> Window:
     each = condition[..., None]
     return Window(
         choose(each, if_true.world_from_cam, if_false.world_from_cam),

@@ -132,15 +132,17 @@ def in_view(view: View, frames: PairedFrames, estimates: Estimate) -> FusedWalk:
     live = FusedWalk(
         frames.timestamp_s,
         estimates.world_from_cam,
-        estimates.status,
-        estimates.sigma_position_m,
-        estimates.sigma_orientation_deg,
+        np.asarray(estimates.status),
+        None if estimates.sigma_position_m is None else np.asarray(estimates.sigma_position_m),
+        None
+        if estimates.sigma_orientation_deg is None
+        else np.asarray(estimates.sigma_orientation_deg),
     )
     if view == "live":
         return live
     if view != "retrospective":
         raise ParameterError(f"unknown view {view!r}: expected retrospective or live")
-    is_keyframe = later_confirmed(frames.inputs, estimates.confirmed_run)
+    is_keyframe = later_confirmed(frames.inputs, np.asarray(estimates.confirmed_run))
     return replace(
         live,
         world_from_cam=tree_map(

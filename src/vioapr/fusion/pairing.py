@@ -34,7 +34,7 @@ class PairedFrames:
     @property
     def timestamp_s(self) -> NDArray[np.float64]:
         """Shape (n,), strictly increasing, seconds."""
-        return self.inputs.timestamp_s
+        return np.asarray(self.inputs.timestamp_s)
 
 
 def pair_frames(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from vioapr.geometry.arrays import Array
+from vioapr.geometry.arrays import Array, Mask
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.tree import tree_at
 
@@ -54,15 +54,15 @@ class FrameInput(NamedTuple):
 
     timestamp_s: Array
     apr_world_from_cam: Rigid3
-    has_apr: Array
+    has_apr: Mask
     vio_from_cam: Rigid3
-    tracking_ok: Array
-    tracking_reset: Array
+    tracking_ok: Mask
+    tracking_reset: Mask
     apr_sigma_m: Array | None = None
     apr_sigma_rad: Array | None = None
 
     @property
-    def keeps_world(self) -> Array:
+    def keeps_world(self) -> Mask:
         """Shape (...), whether what was known of the tracker's world still holds."""
         return self.tracking_ok & ~self.tracking_reset
 

@@ -28,7 +28,7 @@ from vioapr.fusion.alignment import (
     update_reference,
 )
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
-from vioapr.geometry.arrays import Array, namespace, select, zeros
+from vioapr.geometry.arrays import Array, Mask, namespace, select, zeros
 from vioapr.geometry.rigid import choose
 from vioapr.geometry.tree import tree_map
 
@@ -130,7 +130,7 @@ def forget_lost_worlds(state: VioAprState, frame: FrameInput) -> VioAprState:
     )
 
 
-def _zero_unless(condition: Array, values: Array) -> Array:
+def _zero_unless(condition: Mask, values: Array) -> Array:
     return select(condition, values, namespace(values).zeros_like(values))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vioapr.geometry.arrays import Array, constant, namespace
+from vioapr.geometry.arrays import ArrayT, constant, namespace
 from vioapr.geometry.quaternion import longest_row, normalize
 
 WEISZFELD_ITERATIONS = 40
@@ -13,8 +13,8 @@ _SQUARINGS = 8
 
 
 def geometric_median(
-    points_m: Array, weights: Array, iterations: int = WEISZFELD_ITERATIONS
-) -> Array:
+    points_m: ArrayT, weights: ArrayT, iterations: int = WEISZFELD_ITERATIONS
+) -> ArrayT:
     """The point with the least weighted sum of distances, by Weiszfeld's algorithm.
 
     A fixed number of iterations from the weighted mean, so that it has no branches and can
@@ -43,7 +43,7 @@ def geometric_median(
     return (total[..., :3] / total[..., 3:])[..., 0, :]
 
 
-def mean_quaternion(quat_xyzw: Array, weights: Array) -> Array:
+def mean_quaternion(quat_xyzw: ArrayT, weights: ArrayT) -> ArrayT:
     """The rotation with the least weighted sum of squared chordal distances.
 
     The largest eigenvector of the weighted sum of q q^T (Markley 2007), which does not care

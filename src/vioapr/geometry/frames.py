@@ -9,14 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from vioapr.geometry import quaternion
-from vioapr.geometry.arrays import constant
+from vioapr.geometry.arrays import ArrayT, FloatArray, constant
 from vioapr.geometry.rigid import Rigid3
 
 _HALF_TURN_ABOUT_X = np.array([1.0, 0.0, 0.0, 0.0])
 _QUARTER_TURN_ABOUT_X = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
 
 
-def cam_from_arcam(target_from_arcam: Rigid3) -> Rigid3:
+def cam_from_arcam(target_from_arcam: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
     """target_from_cam of a camera given with OpenGL axes; it is its own inverse.
 
     The name says what changes: the camera's axes, by diag(1, -1, -1) on the right.
@@ -27,17 +27,17 @@ def cam_from_arcam(target_from_arcam: Rigid3) -> Rigid3:
     )
 
 
-def z_up_from_y_up(y_up_from_cam: Rigid3) -> Rigid3:
+def z_up_from_y_up(y_up_from_cam: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
     """Poses in the z-up world that shares x with a y-up world: (x, y, z) becomes (x, -z, y)."""
     return _turn_world(y_up_from_cam, _QUARTER_TURN_ABOUT_X)
 
 
-def y_up_from_z_up(z_up_from_cam: Rigid3) -> Rigid3:
+def y_up_from_z_up(z_up_from_cam: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
     """The inverse of `z_up_from_y_up`: (x, y, z) becomes (x, z, -y)."""
     return _turn_world(z_up_from_cam, _QUARTER_TURN_ABOUT_X * np.array([-1.0, 1.0, 1.0, 1.0]))
 
 
-def mirror_y(left_handed_from_cam: Rigid3) -> Rigid3:
+def mirror_y(left_handed_from_cam: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
     """Unity's poses (left-handed, y up) as right-handed ones, both frames mirrored in y.
 
     Unity's world (x right, y up, z forward) becomes a y-down world and its camera becomes an
@@ -53,7 +53,7 @@ def mirror_y(left_handed_from_cam: Rigid3) -> Rigid3:
     )
 
 
-def mirror_z(left_handed_from_arcam: Rigid3) -> Rigid3:
+def mirror_z(left_handed_from_arcam: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
     """Poses of a y-up left-handed world as y-up right-handed ones, both frames mirrored in z.
 
     Unity's world and camera become ARKit's: y up, the camera looking along -z. It is its own
@@ -67,7 +67,7 @@ def mirror_z(left_handed_from_arcam: Rigid3) -> Rigid3:
     )
 
 
-def _turn_world(world_from_cam: Rigid3, turn_xyzw: np.ndarray) -> Rigid3:
+def _turn_world(world_from_cam: Rigid3[ArrayT], turn_xyzw: FloatArray) -> Rigid3[ArrayT]:
     new_from_world = Rigid3(
         constant(np.zeros(3), world_from_cam.translation_m),
         constant(turn_xyzw, world_from_cam.quat_xyzw),

@@ -2,7 +2,7 @@
 
 A rotation `target_from_source` turns a vector's source coordinates into target coordinates,
 and rotations compose like their names: `multiply(a_from_b, b_from_c)` is `a_from_c`.
-All functions are batched over leading axes and run on any Array API backend. Few large
+All functions are batched over leading axes and run on any ArrayT API backend. Few large
 operations are preferred to many small ones: each of them becomes a node of the graph that
 phones run.
 """
@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from vioapr.geometry.arrays import Array, constant, namespace, norm
+from vioapr.geometry.arrays import ArrayT, FloatArray, constant, namespace, norm
 
 
-def _product_table() -> np.ndarray:
+def _product_table() -> FloatArray:
     """The (16, 4) table that turns the outer product p q into the Hamilton product pq."""
     table = np.zeros((4, 4, 4))
     for axis in range(3):
@@ -27,7 +27,7 @@ def _product_table() -> np.ndarray:
     return table.reshape(16, 4)
 
 
-def _matrix_table() -> np.ndarray:
+def _matrix_table() -> FloatArray:
     """The (16, 9) table that turns the outer product q q into the rotation matrix of q."""
     table = np.zeros((4, 4, 3, 3))
     for i in range(3):
@@ -45,40 +45,40 @@ _PRODUCT_TABLE = _product_table()
 _MATRIX_TABLE = _matrix_table()
 
 
-def _outer(left: Array, right: Array) -> Array:
+def _outer(left: ArrayT, right: ArrayT) -> ArrayT:
     """All products of components, shapes (..., 4) to (..., 16)."""
     products = left[..., :, None] * right[..., None, :]
     return namespace(products).reshape(products, (*products.shape[:-2], 16))
 
 
-def normalize(quat_xyzw: Array) -> Array:
+def normalize(quat_xyzw: ArrayT) -> ArrayT:
     """The unit quaternion of the same direction, shape (..., 4)."""
     return quat_xyzw / norm(quat_xyzw)[..., None]
 
 
-def canonical(quat_xyzw: Array) -> Array:
+def canonical(quat_xyzw: ArrayT) -> ArrayT:
     """The one of the two quaternions of a rotation that has w >= 0, shape (..., 4)."""
     xp = namespace(quat_xyzw)
     return xp.where(quat_xyzw[..., 3:4] < 0, -quat_xyzw, quat_xyzw)
 
 
-def multiply(left_xyzw: Array, right_xyzw: Array) -> Array:
+def multiply(left_xyzw: ArrayT, right_xyzw: ArrayT) -> ArrayT:
     """The Hamilton product: a_from_b times b_from_c is a_from_c, shapes (..., 4)."""
     return _outer(left_xyzw, right_xyzw) @ constant(_PRODUCT_TABLE, left_xyzw)
 
 
-def inverse(quat_xyzw: Array) -> Array:
+def inverse(quat_xyzw: ArrayT) -> ArrayT:
     """The inverse rotation of a unit quaternion (its conjugate), shape (..., 4)."""
     return quat_xyzw * constant(np.array([-1.0, -1.0, -1.0, 1.0]), quat_xyzw)
 
 
-def to_matrix(quat_xyzw: Array) -> Array:
+def to_matrix(quat_xyzw: ArrayT) -> ArrayT:
     """The rotation matrix of a unit quaternion, shapes (..., 4) to (..., 3, 3)."""
     flat = _outer(quat_xyzw, quat_xyzw) @ constant(_MATRIX_TABLE, quat_xyzw)
     return namespace(flat).reshape(flat, (*flat.shape[:-1], 3, 3))
 
 
-def from_matrix(matrix: Array) -> Array:
+def from_matrix(matrix: ArrayT) -> ArrayT:
     """The unit quaternion (w >= 0) of a rotation matrix, shapes (..., 3, 3) to (..., 4).
 
     q is the dominant eigenvector of a symmetric 4x4 matrix that is linear in the rotation
@@ -101,7 +101,7 @@ def from_matrix(matrix: Array) -> Array:
     return canonical(normalize(longest_row(four_q_qt)))
 
 
-def longest_row(symmetric: Array) -> Array:
+def longest_row(symmetric: ArrayT) -> ArrayT:
     """The row with the largest diagonal entry, shapes (..., 4, 4) to (..., 4).
 
     Of a multiple of q q^T, that row is the multiple of q that is best conditioned.
@@ -113,12 +113,12 @@ def longest_row(symmetric: Array) -> Array:
     return xp.sum(symmetric * xp.astype(is_longest, symmetric.dtype)[..., None], axis=-2)
 
 
-def rotate(quat_xyzw: Array, vectors: Array) -> Array:
+def rotate(quat_xyzw: ArrayT, vectors: ArrayT) -> ArrayT:
     """Rotate vectors: a_from_b applied to coordinates in b, shapes (..., 4) and (..., 3)."""
     return (to_matrix(quat_xyzw) @ vectors[..., None])[..., 0]
 
 
-def angle_rad(quat_xyzw: Array) -> Array:
+def angle_rad(quat_xyzw: ArrayT) -> ArrayT:
     """The rotation's angle in radians, 0 to pi, shape (..., 4) to (...).
 
     By 2 atan2(|v|, |w|), which keeps its precision near 0 where the arccos of the paper's
@@ -128,12 +128,12 @@ def angle_rad(quat_xyzw: Array) -> Array:
     return 2 * xp.atan2(norm(quat_xyzw[..., :3]), xp.abs(quat_xyzw[..., 3]))
 
 
-def angle_between_deg(left_xyzw: Array, right_xyzw: Array) -> Array:
+def angle_between_deg(left_xyzw: ArrayT, right_xyzw: ArrayT) -> ArrayT:
     """The angle of left^-1 right in degrees, 0 to 180 (paper equations 4-6, 16 and 18)."""
     return angle_rad(multiply(inverse(left_xyzw), right_xyzw)) * (180 / np.pi)
 
 
-def from_rotvec(rotvec_rad: Array) -> Array:
+def from_rotvec(rotvec_rad: ArrayT) -> ArrayT:
     """The unit quaternion of a rotation vector (axis times angle), (..., 3) to (..., 4)."""
     xp = namespace(rotvec_rad)
     half = norm(rotvec_rad)[..., None] / 2
@@ -144,7 +144,7 @@ def from_rotvec(rotvec_rad: Array) -> Array:
     return xp.concat([rotvec_rad * factor, xp.cos(half)], axis=-1)
 
 
-def to_rotvec(quat_xyzw: Array) -> Array:
+def to_rotvec(quat_xyzw: ArrayT) -> ArrayT:
     """The rotation vector (axis times angle, 0 to pi rad), shapes (..., 4) to (..., 3)."""
     xp = namespace(quat_xyzw)
     positive = canonical(quat_xyzw)
@@ -155,7 +155,7 @@ def to_rotvec(quat_xyzw: Array) -> Array:
     return positive[..., :3] * xp.where(is_small, 2 * xp.ones_like(length), factor)
 
 
-def slerp(start_xyzw: Array, end_xyzw: Array, fraction: Array) -> Array:
+def slerp(start_xyzw: ArrayT, end_xyzw: ArrayT, fraction: ArrayT) -> ArrayT:
     """Interpolate along the shorter arc, shapes (..., 4), (..., 4) and (...)."""
     step = to_rotvec(multiply(inverse(start_xyzw), end_xyzw))
     return multiply(start_xyzw, from_rotvec(step * fraction[..., None]))

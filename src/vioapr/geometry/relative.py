@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
-from vioapr.geometry.arrays import Array, namespace
+from vioapr.geometry.arrays import ArrayT, namespace
 from vioapr.geometry.rigid import Rigid3, angle_deg, distance_m
 
 
-class RelativeGap(NamedTuple):
+class RelativeGap(NamedTuple, Generic[ArrayT]):
     """How far two odometries of the same pair of frames disagree.
 
     Attributes:
@@ -16,13 +16,16 @@ class RelativeGap(NamedTuple):
         angle_deg: ROE<apr,vio> (equation 13), shape (...).
     """
 
-    distance_m: Array
-    angle_deg: Array
+    distance_m: ArrayT
+    angle_deg: ArrayT
 
 
 def relative_gap(
-    left_from_a: Rigid3, left_from_b: Rigid3, right_from_a: Rigid3, right_from_b: Rigid3
-) -> RelativeGap:
+    left_from_a: Rigid3[ArrayT],
+    left_from_b: Rigid3[ArrayT],
+    right_from_a: Rigid3[ArrayT],
+    right_from_b: Rigid3[ArrayT],
+) -> RelativeGap[ArrayT]:
     """Compare the motion between two frames a and b as two systems saw it.
 
     The gap is between the lengths of the two motions and between their angles (equations

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from vioapr.geometry import quaternion
-from vioapr.geometry.arrays import Array, constant, namespace, norm, select, zeros
+from vioapr.geometry.arrays import (
+    Array,
+    ArrayT,
+    FloatArray,
+    Mask,
+    constant,
+    namespace,
+    norm,
+    select,
+    zeros,
+)
+from vioapr.geometry.tree import tree_at, tree_map, tree_stack
+
+OtherT = TypeVar("OtherT", bound=Array)
 
 
-class Rigid3(NamedTuple):
+class Rigid3(NamedTuple, Generic[ArrayT]):
     """A rigid transform target_from_source: p_target = R p_source + t.
 
     Of a camera's `world_from_cam`, the translation is the camera's position in the world.
@@ -21,27 +34,27 @@ class Rigid3(NamedTuple):
         quat_xyzw: Shape (..., 4), unit, Hamilton.
     """
 
-    translation_m: Array
-    quat_xyzw: Array
+    translation_m: ArrayT
+    quat_xyzw: ArrayT
 
-    def __matmul__(self, other: Rigid3) -> Rigid3:
+    def __matmul__(self, other: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
         """Compose: `a_from_b @ b_from_c` is a_from_c."""
         return Rigid3(
             self.apply(other.translation_m), quaternion.multiply(self.quat_xyzw, other.quat_xyzw)
         )
 
-    def inverse(self) -> Rigid3:
+    def inverse(self) -> Rigid3[ArrayT]:
         """source_from_target."""
         source_from_target = quaternion.inverse(self.quat_xyzw)
         return Rigid3(
             -quaternion.rotate(source_from_target, self.translation_m), source_from_target
         )
 
-    def apply(self, points_m: Array) -> Array:
+    def apply(self, points_m: ArrayT) -> ArrayT:
         """Coordinates of points in the target frame, from those in the source, (..., 3)."""
         return quaternion.rotate(self.quat_xyzw, points_m) + self.translation_m
 
-    def to_matrix(self) -> Array:
+    def to_matrix(self) -> ArrayT:
         """The homogeneous matrix, shape (..., 4, 4)."""
         xp = namespace(self.translation_m)
         rotation = quaternion.to_matrix(self.quat_xyzw)
@@ -50,12 +63,12 @@ class Rigid3(NamedTuple):
         return xp.concat([top, bottom], axis=-2)
 
     @staticmethod
-    def from_matrix(matrix: Array) -> Rigid3:
+    def from_matrix(matrix: OtherT) -> Rigid3[OtherT]:
         """From homogeneous matrices, shape (..., 4, 4) or (..., 3, 4)."""
         return Rigid3(matrix[..., :3, 3], quaternion.from_matrix(matrix[..., :3, :3]))
 
     @staticmethod
-    def identity(batch_shape: tuple[int, ...] = (), *, like: Array | None = None) -> Rigid3:
+    def identity(batch_shape: tuple[int, ...] = (), *, like: Array | None = None) -> Rigid3[Any]:
         """Identity transforms in the backend, dtype and device of `like` (NumPy float64)."""
         like = np.zeros(()) if like is None else like
         translation = zeros((*batch_shape, 3), like)
@@ -63,12 +76,12 @@ class Rigid3(NamedTuple):
         return Rigid3(translation, quat)
 
     @staticmethod
-    def unknown(batch_shape: tuple[int, ...] = ()) -> Rigid3:
+    def unknown(batch_shape: tuple[int, ...] = ()) -> Rigid3[FloatArray]:
         """Poses that are not known: NaN in all their numbers, NumPy float64."""
         return Rigid3(np.full((*batch_shape, 3), np.nan), np.full((*batch_shape, 4), np.nan))
 
     @property
-    def is_known(self) -> Array:
+    def is_known(self) -> Any:
         """Which poses are known, shape (...): an unknown one is NaN in all its numbers."""
         xp = namespace(self.translation_m)
         return xp.all(xp.isfinite(self.translation_m), axis=-1)
@@ -78,12 +91,12 @@ class Rigid3(NamedTuple):
         """The leading axes."""
         return tuple(self.translation_m.shape[:-1])
 
-    def at(self, index: object) -> Rigid3:
+    def at(self, index: Any) -> Rigid3[ArrayT]:
         """The transforms at an index of the leading axes."""
-        return Rigid3(self.translation_m[index], self.quat_xyzw[index])
+        return tree_at(self, index)
 
 
-def stack(transforms: Sequence[Rigid3], axis: int = 0) -> Rigid3:
+def stack(transforms: Sequence[Rigid3[ArrayT]], axis: int = 0) -> Rigid3[ArrayT]:
     """Join transforms along a new batch axis.
 
     Args:
@@ -91,16 +104,15 @@ def stack(transforms: Sequence[Rigid3], axis: int = 0) -> Rigid3:
         axis: The new axis: from 0 at the front, or, counted from the components' axis, from
             -2 at the back.
     """
-    xp = namespace(transforms[0].translation_m)
-    return Rigid3(*(xp.stack(list(parts), axis=axis) for parts in zip(*transforms, strict=True)))
+    return tree_stack(transforms, axis)
 
 
-def choose(condition: Array, if_true: Rigid3, if_false: Rigid3) -> Rigid3:
+def choose(condition: Mask, if_true: Rigid3[ArrayT], if_false: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
     """Elementwise choice, condition of shape (...) over transforms of shape (...)."""
-    return Rigid3(*(select(condition, a, b) for a, b in zip(if_true, if_false, strict=True)))
+    return tree_map(lambda a, b: select(condition, a, b), if_true, if_false)
 
 
-def between(target_from_a: Rigid3, target_from_b: Rigid3) -> Rigid3:
+def between(target_from_a: Rigid3[ArrayT], target_from_b: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
     """a_from_b of two poses in one target frame.
 
     The same as `target_from_a.inverse() @ target_from_b`, but it subtracts positions before
@@ -114,17 +126,17 @@ def between(target_from_a: Rigid3, target_from_b: Rigid3) -> Rigid3:
     )
 
 
-def distance_m(left: Rigid3, right: Rigid3) -> Array:
+def distance_m(left: Rigid3[ArrayT], right: Rigid3[ArrayT]) -> ArrayT:
     """Distance between the source origins, both in the same target frame, shape (...)."""
     return norm(left.translation_m - right.translation_m)
 
 
-def angle_deg(left: Rigid3, right: Rigid3) -> Array:
+def angle_deg(left: Rigid3[ArrayT], right: Rigid3[ArrayT]) -> ArrayT:
     """Angle of the relative rotation in degrees, shape (...)."""
     return quaternion.angle_between_deg(left.quat_xyzw, right.quat_xyzw)
 
 
-def interpolate(start: Rigid3, end: Rigid3, fraction: Array) -> Rigid3:
+def interpolate(start: Rigid3[ArrayT], end: Rigid3[ArrayT], fraction: ArrayT) -> Rigid3[ArrayT]:
     """Positions linearly, rotations along the shorter arc; fraction of shape (...)."""
     translation = start.translation_m + fraction[..., None] * (
         end.translation_m - start.translation_m

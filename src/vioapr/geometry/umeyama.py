@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
 
 from vioapr.errors import ParameterError
 from vioapr.geometry import quaternion
-from vioapr.geometry.arrays import Array, constant, namespace
+from vioapr.geometry.arrays import ArrayT, constant, namespace
 from vioapr.geometry.rigid import Rigid3
 
 
-class Sim3(NamedTuple):
+class Sim3(NamedTuple, Generic[ArrayT]):
     """A similarity target_from_source: p_target = scale R p_source + t.
 
     Attributes:
@@ -20,14 +20,14 @@ class Sim3(NamedTuple):
         rigid: Rotation and translation, shape (...).
     """
 
-    scale: Array
-    rigid: Rigid3
+    scale: ArrayT
+    rigid: Rigid3[ArrayT]
 
-    def apply(self, points: Array) -> Array:
+    def apply(self, points: ArrayT) -> ArrayT:
         """Coordinates in the target frame, shape (..., 3)."""
         return self.rigid.apply(self.scale[..., None] * points)
 
-    def apply_to(self, source_from_cam: Rigid3) -> Rigid3:
+    def apply_to(self, source_from_cam: Rigid3[ArrayT]) -> Rigid3[ArrayT]:
         """target_from_cam: positions are scaled, rotations turned."""
         return Rigid3(
             self.apply(source_from_cam.translation_m),
@@ -35,7 +35,7 @@ class Sim3(NamedTuple):
         )
 
 
-def align_umeyama(source: Array, target: Array, *, with_scale: bool = False) -> Sim3:
+def align_umeyama(source: ArrayT, target: ArrayT, *, with_scale: bool = False) -> Sim3[ArrayT]:
     """The similarity (or rigid transform) that maps source points best onto target points.
 
     Args:

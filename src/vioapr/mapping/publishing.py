@@ -184,7 +184,7 @@ def ground_truth(
     all_rows = np.concatenate([mapped, between])
     order = np.argsort(all_rows, kind="stable")
     both = tree_map(lambda *parts: np.concatenate(parts)[order], poses, interpolated)
-    return Trajectory(frames.timestamp_s[all_rows[order]], *both)
+    return Trajectory(frames.timestamp_s[all_rows[order]], both.translation_m, both.quat_xyzw)
 
 
 def summarize_recording(

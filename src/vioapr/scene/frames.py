@@ -127,7 +127,11 @@ class Frames:
         names = tuple(self.image[row] for row in rows)
         poses = self.vio_from_cam.at(rows)
         return Trajectory(
-            self.timestamp_s[rows], *poses, names=names if all(names) else None, target="vio"
+            self.timestamp_s[rows],
+            poses.translation_m,
+            poses.quat_xyzw,
+            names=names if all(names) else None,
+            target="vio",
         )
 
 

@@ -85,7 +85,7 @@ def dead_reckon(
     """
     turn = quaternion.from_rotvec(np.outer(heading_rad, [0.0, 0.0, 1.0]))
     steps = np.diff(world_from_cam.translation_m, axis=0, prepend=world_from_cam.translation_m[:1])
-    moved = quaternion.rotate(turn, scale * steps) + step_error_m
+    moved = quaternion.rotate(turn, scale * steps) + np.asarray(step_error_m)
     tracked = Rigid3(np.cumsum(moved, axis=0), quaternion.multiply(turn, world_from_cam.quat_xyzw))
     return y_up_from_z_up(tracked)
 

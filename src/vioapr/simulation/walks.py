@@ -73,7 +73,7 @@ def simulate_walk(params: WalkParams | None = None, seed: int = 0) -> SimulatedW
     world_from_cam = walk_round(rng, times, params.extent_m, params.speed_m_s)
     tracked = track(rng, times, world_from_cam, params.tracker)
     predicted = regress(rng, world_from_cam, params.regressor, params.extent_m)
-    gt = Trajectory(times, *world_from_cam)
+    gt = Trajectory(times, world_from_cam.translation_m, world_from_cam.quat_xyzw)
     vio = replace(gt.with_transforms(tracked), target="vio")
     return SimulatedWalk(gt, gt.with_transforms(predicted), vio)
 

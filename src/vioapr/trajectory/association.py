@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, ParameterError
+from vioapr.geometry.arrays import FloatArray
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory.trajectory import Trajectory, bracket
 
@@ -101,7 +102,7 @@ def poses_of_frames(
     timestamp_s: NDArray[np.float64] | None,
     names: Sequence[str] | None = None,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
-) -> Rigid3:
+) -> Rigid3[FloatArray]:
     """Look up the poses of frames, e.g. their ground truth, paired by `associate_frames`.
 
     Args:

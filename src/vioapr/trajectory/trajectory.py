@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vioapr.errors import ParameterError
 from vioapr.geometry import rigid
+from vioapr.geometry.arrays import FloatArray
 from vioapr.geometry.rigid import Rigid3
 
 UNIT_TOLERANCE = 0.01
@@ -74,11 +76,11 @@ class Trajectory:
         return len(self.timestamp_s)
 
     @property
-    def target_from_source(self) -> Rigid3:
+    def target_from_source(self) -> Rigid3[FloatArray]:
         """The poses as one batch of transforms, shape (n,)."""
         return Rigid3(self.position_m, self.quat_xyzw)
 
-    def with_transforms(self, target_from_source: Rigid3) -> Trajectory:
+    def with_transforms(self, target_from_source: Rigid3[FloatArray]) -> Trajectory:
         """Keep times and names, and replace the poses."""
         return replace(
             self,
@@ -86,11 +88,12 @@ class Trajectory:
             quat_xyzw=target_from_source.quat_xyzw,
         )
 
-    def at_rows(self, rows: NDArray[np.integer] | slice) -> Trajectory:
+    def at_rows(self, rows: NDArray[np.integer[Any]] | slice) -> Trajectory:
         """Pick the poses of the given rows, which must be in increasing order."""
         names = self.names
         if names is not None:
-            names = tuple(names[rows]) if isinstance(rows, slice) else tuple(names[i] for i in rows)
+            kept: list[int] = np.arange(len(self))[rows].tolist()  # pyright: ignore[reportUnknownMemberType]
+            names = tuple(names[row] for row in kept)
         return replace(
             self,
             timestamp_s=self.timestamp_s[rows],

@@ -9,7 +9,7 @@ import numpy as np
 from vioapr.fusion.consensus.drift import CORRELATED_PART
 from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.robust import Fit
-from vioapr.geometry.arrays import Array, constant, namespace, zeros
+from vioapr.geometry.arrays import Array, Mask, constant, namespace, zeros
 
 _COMMON_BIAS = np.array([[0.2], [0.5]])
 """Share of the errors' variance that all views of a place have in common, and that no
@@ -40,7 +40,7 @@ class Anchor(NamedTuple):
     matrix: Array
     position_m: Array
     vio_place_m: Array
-    is_known: Array
+    is_known: Mask
     variances: Array
     drifts: Array
     odometer: Array

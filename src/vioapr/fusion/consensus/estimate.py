@@ -7,7 +7,7 @@ import numpy as np
 from vioapr.fusion.consensus.anchor import Anchor
 from vioapr.fusion.consensus.columns import column, product, y_up_turn
 from vioapr.fusion.types import Estimate, FrameInput, Status
-from vioapr.geometry.arrays import Array, constant, namespace
+from vioapr.geometry.arrays import Array, Mask, constant, namespace
 from vioapr.geometry.rigid import Rigid3
 
 _SCALES = np.array([[0.65 * 180 / np.pi], [0.75]])
@@ -59,7 +59,7 @@ def _rigid(pose: Array) -> Rigid3:
     return Rigid3(pose[..., :3, 0], pose[..., 3:, 0])
 
 
-def _status(is_placed: Array, is_raw: Array, is_vote: Array) -> Array:
+def _status(is_placed: Mask, is_raw: Mask, is_vote: Mask) -> Array:
     """Of these three only the first and the last may hold together."""
     xp = namespace(is_vote)
     placed, raw, vote = (xp.astype(one, xp.int32) for one in (is_placed, is_raw, is_vote))

@@ -18,7 +18,7 @@ from vioapr.fusion.consensus.trust import Trust, learn, no_trust_yet
 from vioapr.fusion.consensus.views import VIEW_RAD, view_length_m, view_shares
 from vioapr.fusion.consensus.votes import Votes, empty_votes, new_vote
 from vioapr.fusion.types import Estimate, FrameInput, Method
-from vioapr.geometry.arrays import Array, holds_everywhere, holds_nowhere, namespace, select
+from vioapr.geometry.arrays import Array, Mask, holds_everywhere, holds_nowhere, namespace, select
 
 _NOVELTY = 0.8
 """Distance of views, in correlation lengths, from which an older vote is worth keeping."""
@@ -67,7 +67,7 @@ def step(
     return state, estimate(state.anchor, noise, odometer, vio_from_cam, frame)
 
 
-def _select_state(condition: Array, if_true: Any, if_false: Any) -> Any:
+def _select_state(condition: Mask, if_true: Any, if_false: Any) -> Any:
     """Elementwise choice between states: nested tuples of arrays."""
     if holds_everywhere(condition):
         return if_true

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vioapr.fusion.consensus.votes import Votes
-from vioapr.geometry.arrays import Array, constant, namespace
+from vioapr.geometry.arrays import Array, Mask, constant, namespace
+from vioapr.geometry.tree import tree_map
 
 ITERATIONS = 2
 
@@ -65,11 +66,11 @@ class Typical(NamedTuple):
 
     absent: Array
     is_middle: Array
-    is_few: Array
+    is_few: Mask
 
     def row(self, index: int) -> Typical:
         """One of the k choices of votes."""
-        return Typical(*(part[..., index : index + 1, :] for part in self))
+        return tree_map(lambda part: part[..., index : index + 1, :], self)
 
     def median(self, values: Array) -> Array:
         """Of values of shape (..., 1, n), k being 1."""

@@ -26,7 +26,7 @@ from vioapr.fusion.consensus.robust import (
     total,
 )
 from vioapr.geometry import quaternion
-from vioapr.geometry.arrays import Array, constant, namespace
+from vioapr.geometry.arrays import Array, Mask, constant, namespace
 
 _UPRIGHT_RAD = 0.35
 """A tracking world whose tilt is below this is taken for one that knows up: among worlds of
@@ -45,7 +45,7 @@ _TILT_AXES = np.array([[1.0], [1.0], [0.0]])
 _HEADING_PARTS = np.array([[0.0], [0.0], [1.0], [1.0]])
 
 
-def fit_rotation(params: ConsensusParams, ballot: Ballot) -> tuple[Fit, Array]:
+def fit_rotation(params: ConsensusParams, ballot: Ballot) -> tuple[Fit, Mask]:
     """world_from_vio's rotation, and whether both worlds seem to know up, shape (..., 1, 1).
 
     Args:
@@ -107,7 +107,7 @@ def _factors(left: np.ndarray) -> np.ndarray:
 _IMAGINARY = _factors(quaternion.inverse(np.eye(4)))[:3].reshape(12, 4)
 
 
-def _upright(params: ConsensusParams, start: Array) -> tuple[Array, Array]:
+def _upright(params: ConsensusParams, start: Array) -> tuple[Array, Mask]:
     """Where to start: without its tilt where both worlds know up; and whether they do."""
     xp = namespace(start)
     heading = start * constant(_HEADING_PARTS, start)
@@ -140,7 +140,7 @@ def _rotation_vectors(quats: Array) -> Array:
 
 
 def _shrink_tilt(
-    params: ConsensusParams, mean: Array, information: Array, is_upright: Array
+    params: ConsensusParams, mean: Array, information: Array, is_upright: Mask
 ) -> Array:
     """Upright worlds have no tilt, unless the votes make one likelier (a Bayes factor)."""
     xp = namespace(mean)

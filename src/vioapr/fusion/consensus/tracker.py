@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vioapr.fusion.types import FrameInput
-from vioapr.geometry.arrays import Array, constant, namespace, zeros
+from vioapr.geometry.arrays import Array, Mask, constant, namespace, zeros
 
 _TURN_RADIUS_M = 0.3
 """Metres of motion that a turn by one radian counts as: about a phone's distance from its
@@ -47,11 +47,11 @@ class Tracker(NamedTuple):
 
     vio_from_cam: Array
     timestamp_s: Array
-    was_tracked: Array
+    was_tracked: Mask
     speed_m_s: Array
     odometer: Array
 
-    def follow(self, frame: FrameInput, pose: Array) -> tuple[Tracker, Array]:
+    def follow(self, frame: FrameInput, pose: Array) -> tuple[Tracker, Mask]:
         """After a frame; and whether its world is still the one of the frame before.
 
         Args:

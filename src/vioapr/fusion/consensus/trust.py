@@ -18,7 +18,7 @@ from vioapr.fusion.consensus.params import ConsensusParams
 from vioapr.fusion.consensus.robust import Fit, total
 from vioapr.fusion.consensus.views import view_exponents
 from vioapr.fusion.consensus.votes import RECENT, Votes
-from vioapr.geometry.arrays import Array, compute_where, constant, namespace, zeros
+from vioapr.geometry.arrays import Array, Mask, compute_where, constant, namespace, zeros
 
 _LEARNING = 0.12
 """Weight of a lesson's evidence in the running average."""
@@ -81,7 +81,7 @@ class Trust(NamedTuple):
 
     evidence: Array
     rates: Array
-    is_upright: Array
+    is_upright: Mask
     scatter: Array
     noise: Array
     views: Array
@@ -98,7 +98,7 @@ def no_trust_yet(params: ConsensusParams, batch_shape: tuple[int, ...], like: Ar
     return Trust(evidence, rates, is_upright, scatter, noise, number)
 
 
-def _likeliest_rates(params: ConsensusParams, evidence: Array, is_upright: Array) -> Array:
+def _likeliest_rates(params: ConsensusParams, evidence: Array, is_upright: Mask) -> Array:
     """Geometric means over the candidates, shape (..., 3, 1)."""
     xp = namespace(evidence)
     if not params.estimate_drift:
@@ -107,7 +107,7 @@ def _likeliest_rates(params: ConsensusParams, evidence: Array, is_upright: Array
     return xp.exp((weights @ constant(_LOG_RATES, weights)) / total(weights))
 
 
-def _candidate_weights(params: ConsensusParams, evidence: Array, is_upright: Array) -> Array:
+def _candidate_weights(params: ConsensusParams, evidence: Array, is_upright: Mask) -> Array:
     """Of tilt, heading and position, up to a factor, shape (..., 3, g)."""
     xp = namespace(evidence)
     firm, sceptical = (constant(p, evidence) for p in (_prior(params.drift_prior), _SCEPTICAL))
@@ -131,8 +131,8 @@ def learn(
     votes: Votes,
     ages: Array,
     fits: tuple[Fit, Fit],
-    is_upright: Array,
-    is_new_view: Array,
+    is_upright: Mask,
+    is_new_view: Mask,
 ) -> Trust:
     """After a vote: note the scatter, and average the evidence in at every second new view.
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vioapr.fusion.consensus.columns import compare
-from vioapr.geometry.arrays import Array, constant, namespace, zeros
+from vioapr.geometry.arrays import Array, Mask, constant, namespace, zeros
 
 RECENT = 3
 """The newest votes, which are kept whatever their view."""
@@ -76,7 +76,7 @@ class Votes(NamedTuple):
         """The variances that the regressor states, over the usual ones, shape (..., 2, n)."""
         return self.rows[..., _STATED, :]
 
-    def add(self, vote: Array, is_novel: Array) -> Votes:
+    def add(self, vote: Array, is_novel: Mask) -> Votes:
         """Put a vote in front.
 
         Args:
@@ -91,7 +91,7 @@ class Votes(NamedTuple):
         valid = xp.concat([first, self.is_valid[..., :-1]], axis=-1)
         return Votes(xp.where(moves, pushed, self.rows), xp.where(moves, valid, self.is_valid))
 
-    def is_novel(self, length_m: Array, length_rad: float, distance: float) -> Array:
+    def is_novel(self, length_m: Array, length_rad: float, distance: float) -> Mask:
         """Whether the oldest recent vote's view is new beside the newest older one's, (..., 1, 1).
 
         Args:
