@@ -9,13 +9,14 @@ densely, batched and on any Array API backend (`solve_dense`), or sparsely in Nu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from importlib import import_module
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.geometry import quaternion
-from vioapr.geometry.arrays import Array, constant, namespace, norm
+from vioapr.geometry.arrays import ArrayT, FloatArray, constant, namespace, norm
 from vioapr.geometry.rigid import Rigid3, between
 
 _CROSS_TABLE = np.array(
@@ -25,7 +26,7 @@ _CROSS_TABLE = np.array(
 """The (3, 9) table that turns a vector v into the matrix of v x."""
 
 
-class Factors(NamedTuple):
+class Factors(NamedTuple, Generic[ArrayT]):
     """Constraints of one kind, k of them, linearized at some poses.
 
     Attributes:
@@ -37,19 +38,19 @@ class Factors(NamedTuple):
         weight: Of every constraint's square, shape (k,); None if all are 1.
     """
 
-    residual: Array
+    residual: ArrayT
     nodes: tuple[NDArray[np.integer], ...]
-    jacobians: tuple[Array, ...]
+    jacobians: tuple[ArrayT, ...]
     weight: NDArray[np.float64] | None = None
 
 
 def gauss_newton(
-    poses: Rigid3,
-    linearize: Callable[[Rigid3], Sequence[Factors]],
-    perturb: Callable[[Rigid3, Array], Rigid3],
-    solve: Callable[[Sequence[Factors], int], Array],
+    poses: Rigid3[ArrayT],
+    linearize: Callable[[Rigid3[ArrayT]], Sequence[Factors[ArrayT]]],
+    perturb: Callable[[Rigid3[ArrayT], ArrayT], Rigid3[ArrayT]],
+    solve: Callable[[Sequence[Factors[ArrayT]], int], ArrayT],
     iterations: int,
-) -> Rigid3:
+) -> Rigid3[ArrayT]:
     """Minimize the weighted sum of squares of residuals, by a fixed number of iterations.
 
     Args:
@@ -64,7 +65,7 @@ def gauss_newton(
     return poses
 
 
-def solve_dense(factors: Sequence[Factors], count: int) -> Array:
+def solve_dense(factors: Sequence[Factors[ArrayT]], count: int) -> ArrayT:
     """Solve for tangent vectors by normal equations; weights are not supported.
 
     Args:
@@ -82,9 +83,10 @@ def solve_dense(factors: Sequence[Factors], count: int) -> Array:
     return xp.reshape(update, (*update.shape[:-2], count, size))
 
 
-def to_dense(factors: Sequence[Factors], count: int) -> tuple[Array, Array]:
+def to_dense(factors: Sequence[Factors[ArrayT]], count: int) -> tuple[ArrayT, ArrayT]:
     """Stack all residuals, shape (..., m), and all derivatives, shape (..., m, n d)."""
-    residuals, rows = [], []
+    residuals: list[ArrayT] = []
+    rows: list[ArrayT] = []
     for each in factors:
         xp = namespace(each.residual)
         *batch, constraints, size = each.residual.shape
@@ -104,8 +106,8 @@ def to_dense(factors: Sequence[Factors], count: int) -> tuple[Array, Array]:
 
 
 def solve_sparse(
-    factors: Sequence[Factors], count: int, damping: float = 1e-6
-) -> NDArray[np.float64]:
+    factors: Sequence[Factors[FloatArray]], count: int, damping: float = 1e-6
+) -> FloatArray:
     """Solve for tangent vectors by sparse normal equations, in NumPy, without batch axes.
 
     Args:
@@ -116,33 +118,37 @@ def solve_sparse(
     Returns:
         Shape (n, d).
     """
-    # Here, as importing it takes longer than the dense users run.
-    from scipy.sparse import coo_array, diags_array
-    from scipy.sparse.linalg import spsolve
+    # Here, as importing it takes longer than the dense users run; it has no types.
+    sparse: Any = import_module("scipy.sparse")
+    linalg: Any = import_module("scipy.sparse.linalg")
 
     size = factors[0].jacobians[0].shape[-1]
-    total = diags_array(np.full(size * count, damping)).tocsr()
+    total = sparse.diags_array(np.full(size * count, damping)).tocsr()
     right = np.zeros(size * count)
     for residual, nodes, jacobians, weight in factors:
         constraints, rows = residual.shape
         # One row a residual, one column a pose's degree of freedom.
-        line = np.arange(rows * constraints).reshape(constraints, rows, 1)
-        values, lines, columns = [], [], []
+        line: NDArray[np.intp] = np.arange(rows * constraints, dtype=np.intp).reshape(-1, rows, 1)
+        values: list[FloatArray] = []
+        lines: list[NDArray[np.intp]] = []
+        columns: list[NDArray[np.intp]] = []
         for node, blocks in zip(nodes, jacobians, strict=True):
-            column = (size * node[:, None] + np.arange(size))[:, None, :]
-            for kept, array in ((values, blocks), (lines, line), (columns, column)):
-                kept.append(np.broadcast_to(array, blocks.shape).ravel())
+            degree: NDArray[np.intp] = np.arange(size, dtype=np.intp)
+            column: NDArray[np.intp] = (size * node[:, None] + degree)[:, None, :]
+            values.append(blocks.ravel())
+            lines.append(np.broadcast_to(line, blocks.shape).ravel())
+            columns.append(np.broadcast_to(column, blocks.shape).ravel())
         entries = np.concatenate(values), (np.concatenate(lines), np.concatenate(columns))
-        jacobian = coo_array(entries, shape=(rows * constraints, size * count)).tocsr()
+        jacobian = sparse.coo_array(entries, shape=(rows * constraints, size * count)).tocsr()
         weighted = jacobian.T
         if weight is not None:
-            weighted = weighted @ diags_array(np.repeat(weight, rows))
+            weighted = weighted @ sparse.diags_array(np.repeat(weight, rows))
         total = total + weighted @ jacobian
         right -= weighted @ residual.ravel()
-    return np.asarray(spsolve(total.tocsc(), right)).reshape(count, size)
+    return np.asarray(linalg.spsolve(total.tocsc(), right)).reshape(count, size)
 
 
-def perturb(world_from_cam: Rigid3, tangent: Array) -> Rigid3:
+def perturb(world_from_cam: Rigid3[ArrayT], tangent: ArrayT) -> Rigid3[ArrayT]:
     """Move poses by tangent vectors: t + d in the world, R exp(w) in the camera.
 
     Args:
@@ -157,8 +163,8 @@ def perturb(world_from_cam: Rigid3, tangent: Array) -> Rigid3:
 
 
 def prior_residual(
-    pose: Rigid3, prior: Rigid3, sigma_m: float, sigma_rad: float
-) -> tuple[Array, Array]:
+    pose: Rigid3[ArrayT], prior: Rigid3[ArrayT], sigma_m: float, sigma_rad: float
+) -> tuple[ArrayT, ArrayT]:
     """The residual of poses against priors, position and rotation, and its derivatives.
 
     Args:
@@ -181,8 +187,12 @@ def prior_residual(
 
 
 def motion_residual(
-    first: Rigid3, second: Rigid3, first_from_second: Rigid3, sigma_m: float, sigma_rad: float
-) -> tuple[Array, Array, Array]:
+    first: Rigid3[ArrayT],
+    second: Rigid3[ArrayT],
+    first_from_second: Rigid3[ArrayT],
+    sigma_m: float,
+    sigma_rad: float,
+) -> tuple[ArrayT, ArrayT, ArrayT]:
     """The residual of the motion between poses against a measured one, and its derivatives.
 
     Args:
@@ -213,12 +223,12 @@ def motion_residual(
     return residual, _stack_blocks(by_first), _stack_blocks(by_second)
 
 
-def turn_between(a_xyzw: Array, b_xyzw: Array) -> Array:
+def turn_between(a_xyzw: ArrayT, b_xyzw: ArrayT) -> ArrayT:
     """The rotation vector of a^-1 b, shape (..., 3), rad."""
     return quaternion.to_rotvec(quaternion.multiply(quaternion.inverse(a_xyzw), b_xyzw))
 
 
-def log_jacobian(rotvec_rad: Array) -> Array:
+def log_jacobian(rotvec_rad: ArrayT) -> ArrayT:
     """The derivative of log(exp(v) exp(w)) by w at w = 0, shapes (..., 3) to (..., 3, 3).
 
     The inverse of the right Jacobian of rotations: I + [v]/2 + c [v]^2, with
@@ -237,13 +247,13 @@ def log_jacobian(rotvec_rad: Array) -> Array:
     return constant(np.eye(3), rotvec_rad) + cross / 2 + factor * (cross @ cross)
 
 
-def cross_matrix(vectors: Array) -> Array:
+def cross_matrix(vectors: ArrayT) -> ArrayT:
     """The matrix [v] with [v] u = v x u, shapes (..., 3) to (..., 3, 3)."""
     flat = vectors @ constant(_CROSS_TABLE, vectors)
     return namespace(flat).reshape(flat, (*flat.shape[:-1], 3, 3))
 
 
-def geman_mcclure(residual: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+def geman_mcclure(residual: FloatArray, limit: float) -> FloatArray:
     """The weights of constraints by their residuals' lengths, shapes (k, r) to (k,).
 
     Geman and McClure's: near 1 far below the limit, 1/4 at it, and falling with the fourth
@@ -253,7 +263,7 @@ def geman_mcclure(residual: NDArray[np.float64], limit: float) -> NDArray[np.flo
     return 1 / (1 + (length / limit) ** 2) ** 2
 
 
-def _stack_blocks(blocks: list[list[Array]]) -> Array:
+def _stack_blocks(blocks: list[list[ArrayT]]) -> ArrayT:
     """Matrices (..., 6, 6) of blocks (..., 3, 3)."""
     xp = namespace(blocks[0][0])
     return xp.concat([xp.concat(row, axis=-1) for row in blocks], axis=-2)

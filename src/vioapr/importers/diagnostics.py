@@ -60,7 +60,13 @@ def diagnose(walk: Walk) -> None:
         walk.info = replace(walk.info, is_diverging=True)
     if not walk.info.is_diverging:
         # As `vioapr inspect` would: gaps, jumps, scale, camera axes.
-        track = Trajectory(walk.timestamp_s[rows], *poses, is_timed=is_timed, target="vio")
+        track = Trajectory(
+            walk.timestamp_s[rows],
+            poses.translation_m,
+            poses.quat_xyzw,
+            is_timed=is_timed,
+            target="vio",
+        )
         for text in find_anomalies(track):
             walk.warn(text)
 
