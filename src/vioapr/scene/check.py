@@ -1,4 +1,4 @@
-"""Verifying a scene: every file, every line, every image."""
+"""Check a scene: every file, every line, every image."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FileError
 from vioapr.files.append_table import Problem
+from vioapr.files.atomic import PARTIAL_SUFFIX
 from vioapr.files.images import IMAGE_SUFFIXES, decode_problem, probe_image
 from vioapr.formats.registry import read_trajectory
 from vioapr.scene.divergence import find_divergence
@@ -102,16 +103,26 @@ def check_scene(
     """
     scene = Scene.open(folder)
     report = Report()
-    _check_splits(scene, report)
+    check_splits(scene, report)
     for id_ in scene.recording_ids:
-        _check_recording(scene, id_, report, decode, tick or (lambda _: None))
-    _check_empty_splits(scene, report)
-    _check_leftovers(scene, report)
-    _check_map(scene, report)
+        check_recording(scene, id_, report, decode=decode, tick=tick or (lambda _: None))
+    for split in SPLITS:
+        if not scene.splits.get(split):
+            # Poses alone are neither mapped nor learned from, and need no split for training.
+            is_error = report.images > 0 or not any(scene.splits.values())
+            text = f"the split {split} is empty: list recordings in splits.{split}"
+            report.problems.append(Problem(scene.folder / SCENE_FILE, None, text, is_error))
+    for path in sorted((scene.folder / RECORDINGS_FOLDER).glob(f".*{PARTIAL_SUFFIX}")):
+        report.note(path, "left by an import that was interrupted; it may be deleted")
+    for path in sorted((scene.folder / GT_FOLDER).glob("*.tum")):
+        if path.name[0] != "." and path.stem not in scene.recording_ids:
+            report.error(path, "ground truth of a recording that is missing")
+    check_map(scene, report)
     return report
 
 
-def _check_splits(scene: Scene, report: Report) -> None:
+def check_splits(scene: Scene, report: Report) -> None:
+    """See that splits and exclusions name recordings that are there, each in one place."""
     path = scene.folder / SCENE_FILE
     present = set(scene.recording_ids)
     if not present:
@@ -135,169 +146,127 @@ def _check_splits(scene: Scene, report: Report) -> None:
         report.note(scene.folder / RECORDINGS_FOLDER / id_, text)
 
 
-def _check_empty_splits(scene: Scene, report: Report) -> None:
-    """Poses alone are neither mapped nor learned from, and need no split for training."""
-    for split in SPLITS:
-        if not scene.splits.get(split):
-            text = f"the split {split} is empty: list recordings in splits.{split}"
-            is_error = report.images > 0 or not any(scene.splits.values())
-            report.problems.append(Problem(scene.folder / SCENE_FILE, None, text, is_error))
-
-
-def _check_recording(
-    scene: Scene, id_: str, report: Report, decode: bool, tick: Callable[[int], object]
+def check_recording(
+    scene: Scene, id_: str, report: Report, *, decode: bool, tick: Callable[[int], object]
 ) -> None:
+    """Verify one recording: its description, frames with images, sensors and ground truth."""
     folder = scene.folder / RECORDINGS_FOLDER / id_
     report.recordings += 1
-    info = _check_info(folder, report)
-    walked = _Walked()
+    info, walked = RecordingInfo(), _Walked()
+    with _collecting(report):
+        info = read_info(folder / INFO_FILE)
     with _collecting(report):
         for block in read_frame_blocks(folder / FRAMES_FILE, report.problems):
-            _check_frames(folder, block, walked, report, decode, tick)
+            check_frames(folder, block, walked, report, decode=decode)
+            tick(len(block))
     report.frames += walked.frames
-    _check_whole(scene, id_, folder, info, walked, report)
-    _check_orphans(folder, walked, report)
+    if walked.frames:
+        is_used = any(id_ in ids for ids in scene.splits.values())
+        check_whole_track(folder, info, walked, report, is_used=is_used)
+    elif (folder / FRAMES_FILE).exists():
+        report.error(folder / FRAMES_FILE, "expected frames, found none that can be used")
+    images = folder / IMAGES_FOLDER
+    found = (path.name for path in images.glob("*") if path.suffix.lower() in IMAGE_SUFFIXES)
+    orphans = sorted(name for name in found if name not in walked.names)
+    if orphans:
+        named = ", ".join(orphans[:_MAX_NAMED]) + (", ..." if len(orphans) > _MAX_NAMED else "")
+        report.note(images, f"{len(orphans)} images belong to no frame: {named}")
     for name, read in _SENSORS.items():
         if (folder / name).exists():
             with _collecting(report):
                 read(folder / name, report.problems)
-    _check_gt(scene, id_, walked, report)
+    if walked.frames and scene.gt_path(id_).exists():
+        with _collecting(report):
+            check_ground_truth(scene, id_, np.concatenate(walked.times), report)
 
 
 @contextmanager
 def _collecting(report: Report) -> Iterator[None]:
-    """Turns a file that cannot be read at all into a problem."""
+    """Turn a file that cannot be read at all into a problem."""
     try:
         yield
     except FileError as error:
         report.error(Path(error.path), error.problem, error.line)
 
 
-def _check_info(folder: Path, report: Report) -> RecordingInfo:
-    with _collecting(report):
-        return read_info(folder / INFO_FILE)
-    return RecordingInfo()
-
-
-def _check_frames(
-    folder: Path,
-    block: Frames,
-    walked: _Walked,
-    report: Report,
-    decode: bool,
-    tick: Callable[[int], object],
+def check_frames(
+    folder: Path, block: Frames, walked: _Walked, report: Report, *, decode: bool
 ) -> None:
+    """Verify the images of some frames of a recording's folder, and remember the frames."""
     table, images = folder / FRAMES_FILE, folder / IMAGES_FOLDER
-    is_lost = block.tracking == Tracking.LOST
     walked.frames += len(block)
-    walked.lost += int(is_lost.sum())
+    walked.lost += int((block.tracking == Tracking.LOST).sum())
     walked.times.append(block.timestamp_s)
     walked.positions.append(block.vio_from_cam.translation_m)
-    sizes = np.stack([block.intrinsics.width, block.intrinsics.height], axis=1)
-    sizes, lines = sizes.tolist(), block.lines.tolist()
-    for row, name in enumerate(block.image):
+    sizes = np.stack([block.intrinsics.width, block.intrinsics.height], axis=1).tolist()
+    for name, line, (width, height) in zip(block.image, block.lines.tolist(), sizes, strict=True):
         if not name:
             continue
-        line = lines[row]
         if name in walked.names:
             report.error(table, f"the image {name} is line {walked.names[name]}'s already", line)
             continue
         walked.names[name] = line
-        path = f"{images}/{name}"
-        _check_image(path, name, sizes[row], report, decode, table, line)
-    tick(len(block))
+        report.images += 1
+        path = f"{images}/{name}"  # not a Path: 100,000 of them take a second
+        probe = probe_image(path)
+        problem = probe.problem or (decode_problem(Path(path)) if decode else None)
+        is_sized = width == width  # NaN where the line does not say
+        if problem is None and is_sized and (probe.width, probe.height) != (width, height):
+            problem = (
+                f"the line says {width:.0f}x{height:.0f} pixels, but the image has "
+                f"{probe.width}x{probe.height}"
+            )
+        if problem:
+            report.error(table, f"{IMAGES_FOLDER}/{name}: {problem}", line)
 
 
-def _check_image(
-    path: str,
-    name: str,
-    size: list[float],
-    report: Report,
-    decode: bool,
-    table: Path,
-    line: int,
+def check_whole_track(
+    folder: Path, info: RecordingInfo, walked: _Walked, report: Report, *, is_used: bool
 ) -> None:
-    report.images += 1
-    probe = probe_image(path)
-    problem = probe.problem or (decode_problem(Path(path)) if decode else None)
-    if problem:
-        report.error(table, f"{IMAGES_FOLDER}/{name}: {problem}", line)
-    elif size[0] == size[0] and (probe.width, probe.height) != (size[0], size[1]):
-        text = f"{size[0]:.0f}x{size[1]:.0f} pixels, but the image has {probe.width}x{probe.height}"
-        report.error(table, f"{IMAGES_FOLDER}/{name}: the line says {text}", line)
+    """Verify what only shows when all frames have passed: images at all, tracking, divergence.
 
-
-def _check_whole(
-    scene: Scene, id_: str, folder: Path, info: RecordingInfo, walked: _Walked, report: Report
-) -> None:
-    """What only shows when all frames have passed."""
+    Args:
+        folder: The recording's.
+        info: What the recording says of itself.
+        walked: Its frames, at least one.
+        report: Where problems are added.
+        is_used: Whether the recording is in a split.
+    """
     table = folder / FRAMES_FILE
-    if not walked.frames:
-        if table.exists():
-            report.error(table, "expected frames, found none that can be used")
-        return
     if info.has_images and not walked.names:
         report.error(table, "expected images, but no frame has one")
     elif info.has_images and len(walked.names) < walked.frames:
         report.note(table, f"{walked.frames - len(walked.names)} frames have no image")
     if walked.lost == walked.frames and info.tracker:
         report.error(table, "tracking was lost throughout: no frame has a pose")
-    is_used = any(id_ in ids for ids in scene.splits.values())
-    if is_used and (info.is_diverging or _is_diverging(walked)) and info.clock == "device":
-        text = f"the tracker is diverging, and {id_!r} is in a split: exclude it in {SCENE_FILE}"
-        report.error(table, text)
-
-
-def _is_diverging(walked: _Walked) -> bool:
     times, positions = np.concatenate(walked.times), np.concatenate(walked.positions)
     known = np.isfinite(positions[:, 0])
-    return find_divergence(times[known], positions[known]) is not None
+    is_diverging = info.is_diverging or find_divergence(times[known], positions[known]) is not None
+    if is_used and is_diverging and info.clock == "device":
+        text = f"the tracker is diverging, and {folder.name!r} is in a split: exclude it in "
+        report.error(table, text + SCENE_FILE)
 
 
-def _check_orphans(folder: Path, walked: _Walked, report: Report) -> None:
-    images = folder / IMAGES_FOLDER
-    if not images.is_dir():
-        return
-    found = (path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    orphans = sorted(name for name in found if name not in walked.names)
-    if orphans:
-        named = ", ".join(orphans[:_MAX_NAMED]) + (", ..." if len(orphans) > _MAX_NAMED else "")
-        report.note(images, f"{len(orphans)} images belong to no frame: {named}")
+def check_ground_truth(
+    scene: Scene, id_: str, timestamp_s: NDArray[np.float64], report: Report
+) -> None:
+    """See that ground truth is of frames, whose timestamps have shape (n,).
+
+    Raises:
+        FileError: It cannot be read.
+    """
+    gt = scene.gt(id_)
+    assert gt is not None  # only such recordings are asked for
+    nearest = timestamp_s[nearest_rows(gt.timestamp_s, timestamp_s)]
+    strange = np.abs(gt.timestamp_s - nearest) > DEFAULT_TOLERANCE_S
+    if strange.any():
+        first = gt.timestamp_s[np.argmax(strange)]
+        text = f"{strange.sum()} of {len(gt)} poses are of no frame, the first at {first:.6f} s"
+        report.error(scene.gt_path(id_), text)
 
 
-def _check_gt(scene: Scene, id_: str, walked: _Walked, report: Report) -> None:
-    """Ground truth is of the frames, by their timestamps."""
-    path = scene.gt_path(id_)
-    if not path.exists() or not walked.frames:
-        return
-    with _collecting(report):
-        gt = scene.gt(id_)
-        assert gt is not None
-        times = np.concatenate(walked.times)
-        nearest = times[nearest_rows(gt.timestamp_s, times)]
-        strange = np.abs(gt.timestamp_s - nearest) > DEFAULT_TOLERANCE_S
-        if strange.any():
-            first = gt.timestamp_s[np.argmax(strange)]
-            text = f"{strange.sum()} of {len(gt)} poses are of no frame, the first at {first:.6f} s"
-            report.error(path, text)
-
-
-def _check_leftovers(scene: Scene, report: Report) -> None:
-    present = set(scene.recording_ids)
-    for path in _hidden(scene.folder / RECORDINGS_FOLDER):
-        report.note(path, "left by an import that was interrupted; it may be deleted")
-    for path in sorted((scene.folder / GT_FOLDER).glob("*.tum")):
-        if path.name[0] != "." and path.stem not in present:
-            report.error(path, "ground truth of a recording that is missing")
-
-
-def _hidden(folder: Path) -> Iterator[Path]:
-    if folder.is_dir():
-        yield from sorted(path for path in folder.iterdir() if path.name.endswith(".partial"))
-
-
-def _check_map(scene: Scene, report: Report) -> None:
-    """A map, where there is one, is a COLMAP model of images that are there."""
+def check_map(scene: Scene, report: Report) -> None:
+    """See that a map, where there is one, is a COLMAP model of images that are there."""
     if not any((scene.map_folder / f"images.{ending}").exists() for ending in ("bin", "txt")):
         return
     with _collecting(report):

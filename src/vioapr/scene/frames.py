@@ -179,7 +179,7 @@ def read_frame_blocks(path: Path, problems: list[Problem]) -> Iterator[Frames]:
         block, values = finite_numbers(block, _NUMBERS, problems)
         labels = [row[_TRACKING] for row in block.fields]
         tracking = np.array([_TRACKING_OF_LABEL.get(label, 255) for label in labels])
-        found = _find_problems(block, values, tracking, latest_s)
+        found = find_row_problems(block, values, tracking, latest_s)
         bad = np.zeros(len(values), dtype=bool)
         for row, text in found:
             problems.append(Problem(path, block.lines[row], text))
@@ -205,10 +205,20 @@ def _build(
     )
 
 
-def _find_problems(
+def find_row_problems(
     block: Rows, values: NDArray[np.float64], tracking: NDArray, latest_s: float
 ) -> list[tuple[int, str]]:
-    """What is wrong with each row of a block, at most one problem a row."""
+    """Find the rows of a block that cannot be frames, with at most one problem a row.
+
+    Args:
+        block: Rows of `frames.csv` as text.
+        values: Their numbers, shape (n, 14), NaN where a field is empty.
+        tracking: Values of `Tracking`, shape (n,); 255 for other words.
+        latest_s: The last good timestamp before the block.
+
+    Returns:
+        Rows and problems, in order.
+    """
     found: dict[int, str] = {}
 
     def report(bad: Any, text: str) -> None:
@@ -227,14 +237,6 @@ def _find_problems(
     report((np.abs(poses[:, :3]) > MAX_DISTANCE_M).any(axis=1), "expected a position in metres")
     norms = np.sqrt(np.square(np.clip(poses[:, 3:], -1e6, 1e6)).sum(axis=1))
     report(np.abs(norms - 1) > UNIT_TOLERANCE, "expected a unit quaternion qx,qy,qz,qw")
-    _report_cameras(report, cameras)
-    names = [row[_IMAGE] for row in block.fields]
-    is_odd = [find_name_problem(name) is not None for name in names]
-    report(np.array(is_odd, dtype=bool), "expected a plain file name in images/, or none")
-    return _report_order(found, times, latest_s)
-
-
-def _report_cameras(report, cameras: NDArray[np.float64]) -> None:
     size, focal = cameras[:, :2], cameras[:, 2:4]
     is_partial = np.isfinite(size).any(axis=1) & ~np.isfinite(size).all(axis=1)
     is_partial |= np.isfinite(cameras[:, 2:]).any(axis=1) & ~np.isfinite(cameras[:, 2:]).all(axis=1)
@@ -243,12 +245,10 @@ def _report_cameras(report, cameras: NDArray[np.float64]) -> None:
         is_odd_size = (size <= 0).any(axis=1) | (size != np.round(size)).any(axis=1)
         report(is_odd_size & np.isfinite(size).all(axis=1), "expected width,height above 0, whole")
         report((focal <= 0).any(axis=1), "expected focal lengths fx,fy above 0, pixels")
-
-
-def _report_order(
-    found: dict[int, str], times: NDArray[np.float64], latest_s: float
-) -> list[tuple[int, str]]:
-    """Add rows that are not later than all good ones before them."""
+    names = [row[_IMAGE] for row in block.fields]
+    is_odd = [find_name_problem(name) is not None for name in names]
+    report(np.array(is_odd, dtype=bool), "expected a plain file name in images/, or none")
+    # Last, as a row need only be later than the good ones before it.
     usable = np.array([row not in found for row in range(len(times))], dtype=bool)
     seen = np.maximum.accumulate(np.concatenate([[latest_s], np.where(usable, times, -np.inf)]))
     for row in np.flatnonzero(usable & (times <= seen[:-1])):

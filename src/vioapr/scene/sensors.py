@@ -121,7 +121,7 @@ def _read(
     parts, latest_s = [np.zeros((0, len(names)))], -np.inf
     for block in read_blocks(path, header, problems):
         block, values = finite_numbers(block, range(len(names)), problems)
-        found = _find_problems(values, names, required, limits or {}, latest_s)
+        found = find_row_problems(values, names, required, limits or {}, latest_s)
         problems += [Problem(path, block.lines[row], text) for row, text in sorted(found.items())]
         values = np.delete(values, list(found), axis=0)
         parts.append(values)
@@ -129,14 +129,25 @@ def _read(
     return np.concatenate(parts)
 
 
-def _find_problems(
+def find_row_problems(
     values: NDArray[np.float64],
     names: list[str],
     required: int,
     limits: dict[int, float],
     latest_s: float,
 ) -> dict[int, str]:
-    """What is wrong with some rows, by row: the first of several problems."""
+    """Find the first problem of every row that cannot be a measurement.
+
+    Args:
+        values: Numbers, shape (n, columns), time first; NaN where a field is empty.
+        names: The columns'.
+        required: How many of the first columns must not be empty.
+        limits: Largest magnitude of single columns.
+        latest_s: The last good timestamp before these rows.
+
+    Returns:
+        Problems by row.
+    """
     found: dict[int, str] = {}
 
     def report(bad: Any, text: str) -> None:

@@ -88,7 +88,7 @@ class RecordingWriter:
         problem = find_name_problem(image_name)
         if problem or (image is not None and not image_name):
             raise ParameterError(problem or "an image needs a name")
-        pose = _pose_fields(tracking, vio_from_cam)
+        pose = pose_fields(tracking, vio_from_cam)
         self._check_time(FRAMES_FILE, timestamp_s, strictly=True)
         if image is not None:
             self.write_image(image_name, image)
@@ -137,7 +137,7 @@ class RecordingWriter:
         self._check_time(FRAMES_FILE, float(times[0]), strictly=True)
         if not (np.diff(times) > 0).all():
             raise ParameterError(f"{FRAMES_FILE}: expected increasing timestamps")
-        self._tables[FRAMES_FILE].append("\n".join(_lines(frames)))
+        self._tables[FRAMES_FILE].append("\n".join(lines_of(frames)))
         self._latest_s[FRAMES_FILE] = float(times[-1])
 
     def write_image(self, name: str, image: bytes | NDArray[np.uint8] | Path | str) -> None:
@@ -197,8 +197,8 @@ class RecordingWriter:
 _LABELS = {int(state): state.label for state in Tracking}
 
 
-def _lines(frames: Frames) -> Iterator[str]:
-    """Lines of `frames.csv`."""
+def lines_of(frames: Frames) -> Iterator[str]:
+    """Format frames as lines of `frames.csv`."""
     cameras = np.stack([np.asarray(column) for column in frames.intrinsics], axis=1)
     # Mostly one camera took all: its text is made once.
     is_one = np.array_equal(cameras, np.broadcast_to(cameras[:1], cameras.shape), equal_nan=True)
@@ -228,8 +228,12 @@ def _pixels(value: ArrayLike) -> object:
     return int(number) if number.is_integer() else number
 
 
-def _pose_fields(tracking: Tracking, vio_from_cam: Rigid3 | None) -> list[float | None]:
-    """Position and quaternion, or nothing where tracking is lost."""
+def pose_fields(tracking: Tracking, vio_from_cam: Rigid3 | None) -> list[float | None]:
+    """Check a frame's pose; give position and quaternion, or nothing where tracking is lost.
+
+    Raises:
+        ParameterError: It is no pose, or there is one although tracking is lost.
+    """
     if (tracking == Tracking.LOST) != (vio_from_cam is None):
         raise ParameterError(
             f"expected a pose if and only if tracking is not lost, got tracking "
