@@ -31,13 +31,13 @@ class Functions(torch.nn.Module):
 @pytest.fixture(scope="module")
 def inputs():
     torch.manual_seed(0)
-    root = torch.randn(2, 3, 6, 6)
+    root = torch.randn(2, 3, 35, 40)
     return {
         "values": torch.randn(3, 7),
         "mask": torch.randn(3, 7),
         "other": torch.randn(3, 7),
         "matrix": torch.randn(2, 4, 4),
-        "definite": root @ root.mT + 0.1 * torch.eye(6),
+        "definite": root @ root.mT + 0.1 * torch.eye(35),
     }
 
 
@@ -49,7 +49,7 @@ def test_the_numbers_and_the_operators(inputs):
     found = session.run(None, {name: value.numpy() for name, value in inputs.items()})
     expected = Functions()(*inputs.values())
     for name, got, want in zip(names, found, expected, strict=True):
-        atol = {"cholesky": 1e-5, "vecdot": 1e-6}.get(name, 0)
+        atol = {"cholesky": 3e-5, "vecdot": 1e-6}.get(name, 0)
         np.testing.assert_allclose(got, want.numpy(), rtol=0, atol=atol, err_msg=name)
     assert np.array_equal(found[-1], np.tril(found[-1]))
 

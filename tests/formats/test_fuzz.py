@@ -12,6 +12,7 @@ from vioapr.errors import VioAprError
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import FORMATS, rank_formats
+from vioapr.schemas.base import to_plain
 
 ALL = pytest.mark.parametrize("format_", FORMATS.values(), ids=FORMATS)
 OPTIONS = st.builds(
@@ -52,7 +53,7 @@ def read_or_refuse(format_, path, options):
         format_.read(path, options)
     except VioAprError:
         return
-    json.dumps(inspect_file(path, format_.name, options).to_json(), allow_nan=False)
+    json.dumps(to_plain(inspect_file(path, format_.name, options)), allow_nan=False)
 
 
 def place(format_, folder, content):

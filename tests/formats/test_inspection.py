@@ -19,6 +19,7 @@ from vioapr.formats.readings import (
 from vioapr.formats.registry import FORMATS
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
+from vioapr.schemas.base import to_plain
 from vioapr.simulation.handheld import looking
 from vioapr.trajectory import Trajectory
 
@@ -240,13 +241,13 @@ def test_times_that_hardly_differ(walk, tmp_path):
     times = np.arange(len(walk)) * 5e-324
     bad = Trajectory.from_arrays(times, walk.position_m, walk.quat_xyzw)
     assert any("scale or clock" in warning for warning in inspect(tmp_path, bad).warnings)
-    json.dumps(inspect(tmp_path, bad).to_json(), allow_nan=False)
+    json.dumps(to_plain(inspect(tmp_path, bad)), allow_nan=False)
 
 
 def test_json_has_no_nan(walk, other, tmp_path):
     still = changed(walk, position_m=lambda positions: positions * 0)
     inspection = inspect(tmp_path, still, against=other)
-    text = json.dumps(inspection.to_json(), allow_nan=False)
+    text = json.dumps(to_plain(inspection), allow_nan=False)
     assert json.loads(text)["fits"][0]["direction_deg"] is None
 
 

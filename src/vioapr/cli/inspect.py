@@ -13,8 +13,10 @@ from rich.text import Text
 from vioapr.cli.console import console, say
 from vioapr.errors import ParameterError
 from vioapr.formats.base import ReadOptions
-from vioapr.formats.inspection import Inspection, inspect_file
+from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import read_trajectory
+from vioapr.schemas.base import to_plain
+from vioapr.schemas.inspection import Inspection
 
 _MAX_FITS = 4
 
@@ -48,7 +50,7 @@ def inspect(
     found = []
     for file in files:
         inspection = inspect_file(file, format_name, options, reference)
-        found.append(inspection.to_json())
+        found.append(to_plain(inspection))
         if not json_:
             print_inspection(inspection)
     if json_:

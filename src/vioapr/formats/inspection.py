@@ -2,103 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vioapr.errors import FormatError
 from vioapr.formats.anomalies import find_anomalies, step_speeds
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.readings import AS_READ, Fit, find_better_reading, fit_readings, up_of
+from vioapr.formats.readings import AS_READ, find_better_reading, fit_readings, up_of
 from vioapr.formats.registry import get_format, rank_formats, read_trajectory
 from vioapr.geometry.vectors import angle_between_deg, path_length_m
-from vioapr.schemas.base import to_plain
+from vioapr.schemas.inspection import Candidate, Fit, Inspection, Speed, Up
 from vioapr.trajectory import Trajectory
 
 _LOW_CONFIDENCE = 0.6
 _MAX_LISTED = 3
 _NO_FIT_DEG = 15.0
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A format that a file may be, with a confidence of 0 to 1."""
-
-    name: str
-    confidence: float
-
-
-@dataclass(frozen=True)
-class Speed:
-    """Speeds between successive poses, m/s."""
-
-    median_m_s: float
-    p95_m_s: float
-    max_m_s: float
-
-
-@dataclass(frozen=True)
-class Up:
-    """The mean up-vector of a hand-held camera.
-
-    Attributes:
-        axis: The axis of the target frame nearest to it, e.g. "+z".
-        off_axis_deg: Angle between the two, degrees.
-        spread_deg: Median angle of single poses to the mean, degrees.
-        is_portrait: Whether the sensor lies on its side.
-    """
-
-    axis: str
-    off_axis_deg: float
-    spread_deg: float
-    is_portrait: bool
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """Facts and anomalies of a file.
-
-    Attributes:
-        path: The file.
-        candidates: Formats that it may be, likeliest first; the first was read.
-        convention: The columns and directions of the format that was read.
-        poses: Number of poses.
-        frames: target_from_source.
-        has_names: Whether poses have image names.
-        is_timed: Whether poses have timestamps.
-        start_s: First timestamp, s, or None.
-        duration_s: Seconds between first and last pose, or None.
-        rate_hz: One over the median step, or None.
-        extent_m: Lowest and highest coordinate along x, y and z, metres.
-        path_length_m: Sum of the steps, metres.
-        speed: Or None without timestamps.
-        up: Or None where the source frame is not a camera.
-        warnings: What looks wrong, a line each.
-        fits: Readings compared with another track, best first; empty without one.
-    """
-
-    path: str
-    candidates: tuple[Candidate, ...]
-    convention: str
-    poses: int
-    frames: str
-    has_names: bool
-    is_timed: bool
-    start_s: float | None
-    duration_s: float | None
-    rate_hz: float | None
-    extent_m: tuple[tuple[float, float], ...]
-    path_length_m: float
-    speed: Speed | None
-    up: Up | None
-    warnings: tuple[str, ...]
-    fits: tuple[Fit, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, for json.dumps; numbers that are not known are null."""
-        return to_plain(self)
 
 
 def inspect_file(
@@ -136,7 +55,9 @@ def inspect_file(
     speeds = step_speeds(trajectory) if has_steps else np.zeros(1)
     return Inspection(
         path=str(path),
-        candidates=tuple(Candidate(f.name, round(confidence, 2)) for f, confidence in ranked),
+        candidates=tuple(
+            Candidate(name=f.name, confidence=round(confidence, 2)) for f, confidence in ranked
+        ),
         convention=ranked[0][0].convention,
         poses=len(trajectory),
         frames=f"{trajectory.target}_from_{trajectory.source}",
@@ -150,7 +71,11 @@ def inspect_file(
             for low, high in zip(positions.min(axis=0), positions.max(axis=0), strict=True)
         ),
         path_length_m=path_length_m(positions),
-        speed=Speed(float(np.median(speeds)), float(np.quantile(speeds, 0.95)), float(speeds.max()))
+        speed=Speed(
+            median_m_s=float(np.median(speeds)),
+            p95_m_s=float(np.quantile(speeds, 0.95)),
+            max_m_s=float(speeds.max()),
+        )
         if has_steps
         else None,
         up=find_up(trajectory) if trajectory.source == "cam" else None,
@@ -169,7 +94,12 @@ def find_up(trajectory: Trajectory) -> Up:
     axis = int(np.argmax(np.abs(up)))
     direction = np.sign(up[axis]) * np.eye(3)[axis]
     name = ("+" if up[axis] > 0 else "-") + "xyz"[axis]
-    return Up(name, float(angle_between_deg(up, direction)), spread_deg, is_portrait)
+    return Up(
+        axis=name,
+        off_axis_deg=float(angle_between_deg(up, direction)),
+        spread_deg=spread_deg,
+        is_portrait=is_portrait,
+    )
 
 
 def warn_of_reading(ranked: list[tuple[Format, float]], skipped: list[FormatError]) -> list[str]:

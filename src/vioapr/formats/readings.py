@@ -20,6 +20,7 @@ from vioapr.formats import conventions
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.vectors import angle_between_deg
+from vioapr.schemas.inspection import Fit
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
 
 MIN_COMMON_FRAMES = 8
@@ -44,28 +45,6 @@ class Reading:
 
     title: str
     change: Callable[[Rigid3], Rigid3]
-
-
-@dataclass(frozen=True)
-class Fit:
-    """How well a reading fits.
-
-    Attributes:
-        title: The reading's.
-        rotation_deg: Median angle between the relative rotations of the two tracks.
-        direction_deg: Median angle between their directions of motion, in the camera's frame;
-            NaN where they do not move.
-    """
-
-    title: str
-    rotation_deg: float
-    direction_deg: float
-
-    @property
-    def score_deg(self) -> float:
-        """Both residuals in one; directions count half, as noise in position spoils them."""
-        direction = 0.0 if np.isnan(self.direction_deg) else self.direction_deg
-        return self.rotation_deg + direction / 2
 
 
 def _reorder(order: tuple[int, ...]) -> Callable[[Rigid3], Rigid3]:
@@ -142,7 +121,9 @@ def fit_readings(
         relative = _relative(reading.change(suspect.target_from_source), span)
         rotation_deg = float(np.median(rigid.angle_deg(relative, expected)))
         direction_deg = median_direction_deg(relative.translation_m, expected.translation_m)
-        fits.append(Fit(reading.title, rotation_deg, direction_deg))
+        fits.append(
+            Fit(title=reading.title, rotation_deg=rotation_deg, direction_deg=direction_deg)
+        )
     # Of readings that fit about as well, as positions mirrored in a flat world, the present one.
     return sorted(fits, key=lambda fit: fit.score_deg * (_PRESENT if _is_present(fit) else 1))
 

@@ -55,7 +55,7 @@ class MapImages:
         tracking_world: Shape (n,), integers, different for all tracking worlds of all
             recordings.
         vio_from_cam: Shape (n,), NaN where there is none.
-        is_tracked: Shape (n,), whether the tracker had a pose that it did not doubt.
+        is_tracked: Shape (n,), whether tracking was normal: neither limited nor lost.
         is_metric: Shape (n,), whether VIO positions are in metres.
         is_level: Shape (n,), whether the tracking world's y axis is up.
         camera: Shape (n,), the camera of each, an index into `cameras`.

@@ -90,7 +90,7 @@ def check_version(where: object, value: object, kind: type[Document]) -> None:
         VersionError: They say a version that is not known.
     """
     if not isinstance(value, Mapping):
-        raise FormatError(str(where), f"expected a {kind.FORMAT or 'document'}, got no object")
+        raise FormatError(str(where), f"expected {kind.FORMAT or 'a document'}, got no object")
     if kind.FORMAT and value.get("format") != kind.FORMAT:
         found = value.get("format")
         raise FormatError(str(where), f'expected "format": "{kind.FORMAT}", got {found!r}')
