@@ -35,12 +35,12 @@ _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 class ImageProbe(NamedTuple):
-    """What a few bytes of an image tell.
+    """Size and wholeness of an image, from a few of its bytes.
 
     Attributes:
         width: Pixels, 0 if not known.
         height: Pixels, 0 if not known.
-        problem: What is wrong with it, or None.
+        problem: What was expected and found, or None if it is whole.
     """
 
     width: int
@@ -49,7 +49,7 @@ class ImageProbe(NamedTuple):
 
 
 def probe_image(path: Path | str) -> ImageProbe:
-    """Size and wholeness of a JPEG or PNG by its head and its end; it is not decoded.
+    """Probe a JPEG or PNG by its head and its end, without decoding it.
 
     A hundred times faster than decoding, and finds what crashes leave: empty, truncated and
     foreign files.
@@ -77,12 +77,12 @@ def probe_image(path: Path | str) -> ImageProbe:
 
 
 def find_image_problem(path: Path) -> str | None:
-    """What is wrong with an image, by its head and its end, or None."""
+    """Find a problem of an image by its head and its end, or None."""
     return probe_image(path).problem
 
 
 def probe_bytes(content: bytes) -> ImageProbe:
-    """As `probe_image`, of an image in memory."""
+    """Probe an image in memory; see `probe_image`."""
     return _probe(content, content[-_TAIL_BYTES:])
 
 
@@ -119,7 +119,7 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
 
 
 def decode_problem(path: Path) -> str | None:
-    """What is wrong with an image that is decoded whole, or None; slow."""
+    """Decode an image whole and find its problem, or None; slow."""
     from PIL import Image
 
     try:
@@ -142,7 +142,8 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint
         RGB, shape (height, width, 3).
 
     Raises:
-        FormatError: It is missing or broken.
+        FileMissingError: It is missing.
+        FormatError: It is broken.
     """
     from PIL import Image
 
@@ -190,7 +191,10 @@ def copy_image(source: Path | str, target: Path | str, *, link: bool) -> None:
     """Copy an image, or hard-link it where that is asked for and possible.
 
     Raises:
-        FormatError: It cannot be written.
+        FileMissingError: The source is missing.
+        UnreadableError: The source cannot be read.
+        AlreadyExistsError: The target exists.
+        UnwritableError: The target cannot be written.
     """
     if link:
         try:
@@ -210,7 +214,8 @@ def write_image(path: Path | str, content: bytes) -> None:
     """Write an image whole, or, if the disk is full, not at all.
 
     Raises:
-        FormatError: It cannot be written.
+        AlreadyExistsError: It exists.
+        UnwritableError: It cannot be written.
     """
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)

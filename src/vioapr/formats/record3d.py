@@ -68,10 +68,12 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
 
 
 def read_metadata(path: Path) -> str:
-    """The JSON text of a metadata file, or of that in an .r3d zip.
+    """Read the JSON text of a metadata file, or of that in an .r3d zip.
 
     Raises:
-        FormatError: It cannot be read, or the zip has none.
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is a broken zip, or one without metadata.
     """
     if not read_bytes(path, 4).startswith(b"PK\x03\x04"):
         return read_text(path)

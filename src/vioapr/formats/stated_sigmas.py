@@ -49,7 +49,7 @@ def read_sigmas(path: Path, predictions: Trajectory) -> Sigmas:
 
     Args:
         path: The table.
-        predictions: What it is of.
+        predictions: The trajectory that it accompanies.
 
     Raises:
         FormatError: Another header, a negative or infinite sigma, a time without a prediction
