@@ -55,7 +55,8 @@ class MapImages:
         tracking_world: Shape (n,), integers, different for all tracking worlds of all
             recordings.
         vio_from_cam: Shape (n,), NaN where there is none.
-        is_tracked: Shape (n,), whether tracking was normal: neither limited nor lost.
+        is_tracked: Shape (n,), whether there is a pose, neither limited nor of a tracker that
+            diverges.
         is_metric: Shape (n,), whether VIO positions are in metres.
         is_level: Shape (n,), whether the tracking world's y axis is up.
         camera: Shape (n,), the camera of each, an index into `cameras`.
