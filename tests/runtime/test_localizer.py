@@ -121,3 +121,17 @@ def test_no_pose_without_saying_so(model_of, walk, name):
         assert np.isnan(np.concatenate([*located.world_from_cam])).all() == is_lost
     assert Status.UNLOCALIZED in statuses
     assert len(statuses) > 1
+
+
+@pytest.mark.parametrize("name", ["vio-apr", "consensus"])
+def test_a_state_that_overflowed_does_not_live_on(model_of, walk, name):
+    localizer = OnnxLocalizer(model_of(name))
+    pictures = list(images(2))
+    localizer.update(0.0, pictures[0], vio_pose(walk, 0))
+    state = localizer.state
+    state[1:] = 3e38
+    localizer.state = state
+    located = localizer.update(1.0, pictures[1], vio_pose(walk, 1))
+    is_lost = located.status == Status.UNLOCALIZED
+    assert np.isnan(np.concatenate([*located.world_from_cam])).any() == is_lost
+    assert np.isfinite(localizer.state).all()
