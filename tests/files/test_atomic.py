@@ -3,6 +3,8 @@
 import errno
 import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -99,6 +101,13 @@ def test_a_device_is_written_directly():
     device = Path(os.devnull)
     write_atomically(device, b"content")
     assert device.is_char_device()
+
+
+def test_a_pipe_is_written_directly():
+    code = "from pathlib import Path; from vioapr.files.atomic import write_atomically as w; "
+    code += "w(Path('/dev/stdout'), b'content')"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert ran.stdout == b"content"
 
 
 def test_a_folder_in_the_way_is_said(tmp_path):

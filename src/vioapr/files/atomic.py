@@ -49,10 +49,11 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     partial: Path | None = None
     try:
-        target = Path(os.path.realpath(path))
-        if target.exists() and not target.is_file():
+        # Asked of the path itself: what /dev/stdout leads to has no path where it is a pipe.
+        if path.exists() and not path.is_file():
             yield path
             return
+        target = Path(os.path.realpath(path))
         target.parent.mkdir(parents=True, exist_ok=True)
         partial = partial_beside(target)
         # Readable as the umask says, and never somebody else's.
