@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,7 +46,7 @@ class Report:
         images: How many images were looked at.
     """
 
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list[Problem])
     recordings: int = 0
     frames: int = 0
     images: int = 0
@@ -69,9 +69,9 @@ class Report:
 class _Walked:
     """What is kept of a recording's frames while they pass by: no images, no quaternions."""
 
-    names: dict[str, int] = field(default_factory=dict)
-    times: list[NDArray[np.float64]] = field(default_factory=list)
-    positions: list[NDArray[np.float64]] = field(default_factory=list)
+    names: dict[str, int] = field(default_factory=dict[str, int])
+    times: list[NDArray[np.float64]] = field(default_factory=list[NDArray[np.float64]])
+    positions: list[NDArray[np.float64]] = field(default_factory=list[NDArray[np.float64]])
     frames: int = 0
     lost: int = 0
 
@@ -181,7 +181,7 @@ def check_recording(
 
 
 @contextmanager
-def _collecting(report: Report) -> Iterator[None]:
+def _collecting(report: Report) -> Generator[None, None, None]:
     """Turn a file that cannot be read at all into a problem."""
     try:
         yield

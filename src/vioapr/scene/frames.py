@@ -107,10 +107,10 @@ class Frames:
 
     def at_rows(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> Frames:
         """Some of the frames, in order."""
-        kept = np.arange(len(self))[rows]
+        kept = np.asarray(np.arange(len(self))[rows], dtype=np.intp)
         return Frames(
             self.timestamp_s[kept],
-            tuple(self.image[row] for row in kept),
+            tuple(self.image[int(row)] for row in kept),
             self.tracking[kept],
             self.vio_from_cam.at(kept),
             self.intrinsics.at(kept),
@@ -147,8 +147,8 @@ def read_frames(path: Path, problems: list[Problem]) -> Frames:
     """
     blocks = list(read_frame_blocks(path, problems))
     if not blocks:
-        nothing = np.zeros(0)
-        return _build(np.zeros((0, len(_NUMBERS))), (), nothing, nothing.astype(np.int64))
+        nothing = np.zeros(0, dtype=np.int64)
+        return _build(np.zeros((0, len(_NUMBERS))), (), nothing, nothing)
     if len(blocks) == 1:
         return blocks[0]
     return join_frames(blocks)
@@ -193,7 +193,10 @@ def read_frame_blocks(path: Path, problems: list[Problem]) -> Iterator[Frames]:
 
 
 def _build(
-    values: NDArray[np.float64], names: tuple[str, ...], tracking: NDArray, lines: NDArray
+    values: NDArray[np.float64],
+    names: tuple[str, ...],
+    tracking: NDArray[np.integer],
+    lines: NDArray[np.int64],
 ) -> Frames:
     return Frames(
         values[:, 0].copy(),
@@ -206,7 +209,7 @@ def _build(
 
 
 def find_row_problems(
-    block: Rows, values: NDArray[np.float64], tracking: NDArray, latest_s: float
+    block: Rows, values: NDArray[np.float64], tracking: NDArray[np.integer], latest_s: float
 ) -> list[tuple[int, str]]:
     """Find the rows of a block that cannot be frames, with at most one problem a row.
 

@@ -40,7 +40,7 @@ class Scene:
     name: str
     is_outdoor: bool
     splits: Mapping[str, Sequence[str]] = field(default_factory=lambda: dict.fromkeys(SPLITS, ()))
-    excluded: Mapping[str, str] = field(default_factory=dict)
+    excluded: Mapping[str, str] = field(default_factory=dict[str, str])
     world: World = field(default_factory=World)
 
     @staticmethod
@@ -167,8 +167,7 @@ class Scene:
         document["is_outdoor"] = self.is_outdoor
         splits = tomlkit.table()
         for split in SPLITS:
-            ids = tomlkit.array()
-            ids.extend(self.splits.get(split, ()))
+            ids = tomlkit.item(list(self.splits.get(split, ())))
             splits[split] = ids.multiline(len(ids) > 4)
         document["splits"] = splits
         if self.excluded or "excluded" in document:

@@ -50,7 +50,7 @@ class RecordingSummary:
     device: str = ""
     frames: int = 0
     images: int = 0
-    tracking: dict[str, int] = field(default_factory=dict)
+    tracking: dict[str, int] = field(default_factory=dict[str, int])
     duration_s: float = 0.0
     is_timed: bool = True
     path_m: float = 0.0
@@ -244,10 +244,11 @@ class _Track:
         steps_m = np.where(is_one_world, step_lengths_m(position_m), 0.0)
         self.path_m += float(steps_m[counted:].sum())
         # Rows at least SPEED_SPAN_S apart.
-        rows, row = [0], 0
+        rows: list[int] = [0]
+        row = 0
         while row < len(timestamp_s):
-            row = int(np.searchsorted(timestamp_s, timestamp_s[rows[-1]] + SPEED_SPAN_S - 1e-6))
-            row = max(row, rows[-1] + 1)
+            next_s = float(timestamp_s[rows[-1]]) + SPEED_SPAN_S - 1e-6
+            row = max(int(np.searchsorted(timestamp_s, next_s)), rows[-1] + 1)
             if row < len(timestamp_s):
                 rows.append(row)
         took_s = np.diff(timestamp_s[rows])
