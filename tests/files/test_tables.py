@@ -22,6 +22,8 @@ from vioapr.files.tables import (
     read_headed_csv,
     to_ticks,
 )
+from vioapr.formats.base import ReadOptions
+from vioapr.formats.times import seconds_of
 
 PATH = Path("walk.txt")
 
@@ -76,7 +78,8 @@ def test_headed_columns_come_in_the_order_asked_for(tmp_path):
 
 def test_nanoseconds_since_1970_are_rounded_once():
     rows = parse_rows(PATH, "1403636579763555584", range(1, 2), what="t")
-    (seconds,) = rows.ticks(0, 10**9)
+    assert rows.ticks(0) == [1403636579763555584]
+    (seconds,) = seconds_of(PATH, rows.ticks(0), ReadOptions(), fixed="ns")
     assert seconds == 1403636579763555584 / 10**9
     assert to_ticks(np.array([0.1, seconds]), 1000) == [100, 1403636579764]
     assert to_ticks(np.array([0.5, -0.5, 1.5]), 1) == [1, 0, 2]  # halves are rounded up

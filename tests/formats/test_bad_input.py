@@ -18,6 +18,7 @@ from vioapr.errors import (
     UnwritableError,
 )
 from vioapr.formats.base import ReadOptions
+from vioapr.formats.notes import ReadingNotes
 from vioapr.formats.registry import FORMATS, rank_formats, read_trajectory
 
 ALL = pytest.mark.parametrize("format_", FORMATS.values(), ids=FORMATS)
@@ -87,7 +88,7 @@ def edit_row(path, name, row, change):
 def expect(path, name, pattern, line=None):
     """The reader's error names the file, the line, and the problem."""
     with pytest.raises(FormatError, match=pattern) as caught:
-        FORMATS[name].read(path, ReadOptions())
+        FORMATS[name].read(path, ReadOptions(strict=True))
     message = str(caught.value)
     assert "\n" not in message
     place = str(path) if line is None else f"{path}:{line}"
@@ -213,9 +214,9 @@ def test_times_out_of_order(name, tmp_path):
         time = path.read_text().split("\n")[first - 1 + source].split(separator)[0]
         line = edit_row(path, name, 2, lambda fields, t=time: fields.__setitem__(0, t))
         expect(path, name, f"expected increasing timestamps, got .*{pattern}", line)
-        skipped = []
-        assert len(FORMATS[name].read(path, ReadOptions(skipped=skipped))) == 3
-        assert [error.line for error in skipped] == [line]
+        notes = ReadingNotes()
+        assert len(FORMATS[name].read(path, ReadOptions(notes=notes))) == 3
+        assert [row.line for row in notes.left_out] == [line]
 
 
 @pytest.mark.parametrize("name", TIMED)

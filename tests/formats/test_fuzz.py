@@ -19,7 +19,8 @@ OPTIONS = st.builds(
     ReadOptions,
     rate_hz=st.sampled_from([None, 1e-9, 2.0]),
     sequence=st.sampled_from([None, None, "seq-01"]),
-    skipped=st.sampled_from([None, "collect"]).map(lambda v: [] if v else None),
+    time_unit=st.sampled_from([None, None, "s", "ms", "us", "ns"]),
+    strict=st.booleans(),
 )
 FUZZ = settings(
     deadline=None,

@@ -165,7 +165,7 @@ def test_time_going_back(walk, tmp_path):
     lines.insert(300, lines[299])
     path.write_text("\n".join(lines))
     with pytest.raises(FormatError, match="walk.tum:102: expected increasing"):
-        FORMATS["tum"].read(path, ReadOptions())
+        FORMATS["tum"].read(path, ReadOptions(strict=True))
     warning = only_warning(inspect_file(path))
     assert "time: 2 rows out of order" in warning
     assert "line 102" in warning

@@ -8,7 +8,7 @@ import pytest
 
 from vioapr.errors import FormatError
 from vioapr.formats.base import ReadOptions
-from vioapr.formats.registry import rank_formats, read_trajectory
+from vioapr.formats.registry import rank_formats, read_trajectory, read_with_notes
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.umeyama import align_umeyama
@@ -28,12 +28,17 @@ def read_all(files, expected_format):
     for file in files:
         best, confidence = rank_formats(file)[0]
         assert (best.name, confidence > 0.5) == (expected_format, True), file
+        reading = read_with_notes(file)
+        assert len(reading.trajectory) > 10, file
+        lines = [row.line for row in reading.left_out]
         if file.name in BROKEN:
             line, problem = BROKEN[file.name]
             with pytest.raises(FormatError, match=f"{file.name}:{line}: {problem}"):
-                read_trajectory(file)
+                read_trajectory(file, options=ReadOptions(strict=True))
+            assert min(lines) == line
+            assert len(lines) < 0.01 * len(reading.trajectory)
         else:
-            assert len(read_trajectory(file)) > 10, file
+            assert lines == [], file
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -18,6 +21,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from vioapr.formats.notes import ReadingNote
 
 # Tables must not be cut where the output goes to a file or a pipe.
 _WIDTH = None if sys.stdout.isatty() else max(160, shutil.get_terminal_size().columns)
@@ -37,6 +43,26 @@ def say(text: str, style: str = "") -> None:
         style: Of rich, e.g. "bold" or "yellow".
     """
     console.print(Text(text, style=style), soft_wrap=True)
+
+
+def say_notes(path: Path, notes: Sequence[ReadingNote]) -> None:
+    """Print what a reader says of a file: warnings in yellow, the rest as it is.
+
+    Args:
+        path: The file.
+        notes: Of `read_with_notes`.
+    """
+    for note in notes:
+        text = f"{path}: {with_flags(note.text)}"
+        if note.is_warning:
+            say(f"WARNING {text}", "yellow")
+        else:
+            say(text)
+
+
+def with_flags(text: str) -> str:
+    """Put flags for the parameters that a note of the library names in backticks."""
+    return re.sub(r"`(\w+)`", lambda m: "--" + m[1].replace("_", "-"), text)
 
 
 @contextmanager

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import say
-from vioapr.formats.base import ReadOptions
+from vioapr.cli.console import say, say_notes
+from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.conversion import convert_file
 
 
@@ -19,6 +19,8 @@ def convert(
     target_format: Annotated[str | None, tyro.conf.arg(name="to", metavar="FORMAT")] = None,
     rate_hz: float | None = None,
     sequence: str | None = None,
+    time_unit: TimeUnit | None = None,
+    strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Convert a trajectory file to another format, and say what was lost.
@@ -30,13 +32,16 @@ def convert(
         target_format: Format of OUT; by default the one its name means.
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.
         sequence: Folder part of the image names to keep, where IN holds several sequences.
+        time_unit: Unit of IN's times; by default found from their values.
+        strict: Refuse a file with rows that give no pose, rather than leave them out.
         overwrite: Write over an existing OUT.
 
     Raises:
         VioAprError: IN cannot be read or OUT cannot be written.
     """
-    options = ReadOptions(rate_hz, sequence)
+    options = ReadOptions(rate_hz, sequence, time_unit, strict)
     done = convert_file(source, target, source_format, target_format, options, overwrite=overwrite)
+    say_notes(source, done.notes)
     lost = f"; lost: {' and '.join(done.lost)}" if done.lost else ""
     say(
         f"{source} ({done.source_format}) -> {target} ({done.target_format}): "

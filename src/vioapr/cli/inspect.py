@@ -10,11 +10,11 @@ import tyro
 from rich.table import Table
 from rich.text import Text
 
-from vioapr.cli.console import console, say
+from vioapr.cli.console import console, say, say_notes, with_flags
 from vioapr.errors import ParameterError
-from vioapr.formats.base import ReadOptions
+from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.inspection import inspect_file
-from vioapr.formats.registry import read_trajectory
+from vioapr.formats.registry import read_with_notes
 from vioapr.schemas.base import to_plain
 from vioapr.schemas.inspection import Inspection
 
@@ -27,6 +27,10 @@ def inspect(
     against: Path | None = None,
     rate_hz: float | None = None,
     sequence: str | None = None,
+    time_unit: TimeUnit | None = None,
+    against_format: Annotated[
+        str | None, tyro.conf.arg(name="against-from", metavar="FORMAT")
+    ] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Say what trajectory files are, how sure that is, and what looks wrong with them.
@@ -38,6 +42,8 @@ def inspect(
             inverted, mirrored, OpenGL and misordered poses apart.
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.
         sequence: Folder part of the image names to look at.
+        time_unit: Unit of the files' times; by default found from their values.
+        against_format: Format of the other track; by default the one it looks like.
         json_: Print JSON, a list with an object for each file.
 
     Raises:
@@ -45,8 +51,13 @@ def inspect(
     """
     if not files:
         raise ParameterError("files: expected at least one to inspect, got none")
-    options = ReadOptions(rate_hz, sequence)
-    reference = None if against is None else read_trajectory(against, options=options)
+    options = ReadOptions(rate_hz, sequence, time_unit)
+    reference = None
+    if against is not None:
+        other = read_with_notes(against, against_format, options, parameter="against_format")
+        reference = other.trajectory
+        if not json_:
+            say_notes(against, other.notes)
     found = []
     for file in files:
         inspection = inspect_file(file, format_name, options, reference)
@@ -86,12 +97,14 @@ def print_inspection(inspection: Inspection) -> None:
     for rank, fit in enumerate(inspection.fits[:_MAX_FITS]):
         errors = f"rotations {fit.rotation_deg:.2f} deg, directions {fit.direction_deg:.1f} deg"
         rows.append(("" if rank else "fit", f"{fit.title}: {errors}"))
+    for rank, note in enumerate(inspection.notes):
+        rows.append(("" if rank else "note", with_flags(note)))
     table = Table(show_header=False, box=None, pad_edge=False)
     for title, value in rows:
         table.add_row(title, Text(value))
     say(inspection.path, "bold")
     console.print(table)
     for warning in inspection.warnings:
-        say(f"WARNING {warning}", "yellow")
+        say(f"WARNING {with_flags(warning)}", "yellow")
     if not inspection.warnings:
         say("nothing looks wrong", "green")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,19 @@ _SNIFFED_ROWS, _SNIFFED_BYTES = 20, 16384
 
 
 @dataclass(frozen=True)
+class RowProblem:
+    """What is wrong with one row of a file.
+
+    Attributes:
+        error: For an error about this row: what was expected, and what it has.
+        summary: For a list of such rows, after "line 5: ", e.g. "position is 3.1e9 m away".
+    """
+
+    error: str
+    summary: str
+
+
+@dataclass(frozen=True)
 class Rows:
     """Rows of a file, with the place of each for messages.
 
@@ -25,11 +38,13 @@ class Rows:
         path: The file.
         fields: The fields of each row as text.
         lines: The 1-based line number of each row.
+        problems: By line, what was found wrong with rows. Selections of rows share it.
     """
 
     path: Path
     fields: list[list[str]]
     lines: list[int]
+    problems: dict[int, RowProblem] = field(default_factory=dict[int, RowProblem])
 
     @staticmethod
     def numbered(path: Path, count: int) -> Rows:
@@ -54,28 +69,28 @@ class Rows:
         except ValueError:
             pass
         for row, line in zip(picked, self.lines, strict=True):
-            for field in row:
-                if not is_number(field):
-                    raise FormatError(self.path, f"expected a number, got {field[:40]!r}", line)
+            for text in row:
+                if not is_number(text):
+                    raise FormatError(self.path, f"expected a number, got {text[:40]!r}", line)
         raise FormatError(self.path, "expected a table of numbers")
 
     def column(self, index: int) -> list[str]:
         """One column as text."""
         return [row[index] for row in self.fields]
 
-    def ticks(self, index: int, per_second: int) -> NDArray[np.float64]:
-        """A column of whole ticks of a clock in seconds, rounded once."""
-        values = self.numbers([index])[:, 0] / per_second
-        for row, field in enumerate(self.column(index)):
-            # Nanoseconds since 1970 do not fit a double; an int divided by an int does.
-            if field.isdecimal() and len(field) < 20:
-                values[row] = int(field) / per_second
-        return values
+    def ticks(self, index: int) -> list[int | float]:
+        """A column of a clock's ticks: whole ones exact, as nanoseconds do not fit a double."""
+        ticks: list[int | float] = self.numbers([index])[:, 0].tolist()
+        for row, text in enumerate(self.column(index)):
+            if text.isdecimal() and len(text) < 20:
+                ticks[row] = int(text)
+        return ticks
 
     def at(self, keep: Iterable[int]) -> Rows:
         """Some of the rows, by index."""
         keep = list(keep)
-        return Rows(self.path, [self.fields[i] for i in keep], [self.lines[i] for i in keep])
+        fields, lines = [self.fields[i] for i in keep], [self.lines[i] for i in keep]
+        return Rows(self.path, fields, lines, self.problems)
 
 
 def is_number(field: str) -> bool:

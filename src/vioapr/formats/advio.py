@@ -31,6 +31,7 @@ from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions, tum
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import MAX_TIME_S, build_trajectory, pose_columns, poses_of, require_times
+from vioapr.formats.times import seconds_of
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
@@ -90,7 +91,8 @@ def _read(path: Path, options: ReadOptions, *, is_tracker: bool) -> Trajectory:
     poses = poses_of(rows, values[:, 1:4], values[:, [5, 6, 7, 4]])
     poses = conventions.world_from_arcam(poses) if is_tracker else world_from_cam_of_gt(poses)
     target = "vio" if is_tracker else "world"
-    return build_trajectory(rows, values[:, 0], poses, options, target=target)
+    times = seconds_of(path, values[:, 0], options, fixed="s")
+    return build_trajectory(rows, times, poses, options, target=target)
 
 
 def _write(path: Path, trajectory: Trajectory, *, is_tracker: bool) -> None:

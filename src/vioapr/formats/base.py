@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import ParameterError
+from vioapr.formats.notes import LeftOutRow, ReadingNote, ReadingNotes
 from vioapr.trajectory import Trajectory
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+"""Units of a file's times."""
+
+_LOGGER = logging.getLogger("vioapr.formats")
 
 HEAD_BYTES = 65536
 """How much of a file is read to recognize its format."""
@@ -23,18 +31,40 @@ class ReadOptions:
             without names), for formats without timestamps. None leaves them untimed.
         sequence: For files that hold several sequences, the name of the one to read: the
             folder part of its image names, e.g. "seq-03".
-        skipped: Where a list is given, rows whose timestamp is not later than the one before
-            are left out and their errors appended to it, rather than raised. `vioapr inspect`
-            uses it to look at what else is wrong with a file.
+        time_unit: Unit of the file's times, where the format does not fix it; found from the
+            values by default.
+        strict: Raise an error at the first row that gives no pose, rather than leave it out.
+        notes: Where to collect what the reader says of the file. By default its warnings go to
+            the log "vioapr.formats".
     """
 
     rate_hz: float | None = None
     sequence: str | None = None
-    skipped: list[FormatError] | None = None
+    time_unit: TimeUnit | None = None
+    strict: bool = False
+    notes: ReadingNotes | None = None
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
             raise ParameterError(f"expected a rate above 0 Hz, got {self.rate_hz}")
+        units = get_args(TimeUnit)
+        if self.time_unit is not None and self.time_unit not in units:
+            raise ParameterError(
+                f"time_unit: expected one of {', '.join(units)}, got {self.time_unit!r}"
+            )
+
+    def note(self, path: Path, text: str, *, is_warning: bool, lines: Sequence[int] = ()) -> None:
+        """Say something of a file: to the collector, or else to the log."""
+        if self.notes is not None:
+            self.notes.notes.append(ReadingNote(text, is_warning, tuple(lines)))
+        else:
+            level = logging.WARNING if is_warning else logging.INFO
+            _LOGGER.log(level, "%s: %s", path, text)
+
+    def leave_out(self, rows: Sequence[LeftOutRow]) -> None:
+        """Add rows that gave no pose to the collector, if there is one."""
+        if self.notes is not None:
+            self.notes.left_out.extend(rows)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from pathlib import Path
 from vioapr.errors import AlreadyExistsError, ParameterError, UnreadableError
 from vioapr.files.text import is_folder
 from vioapr.formats.base import ReadOptions
-from vioapr.formats.registry import format_of_name, get_format, recognize
+from vioapr.formats.notes import ReadingNote
+from vioapr.formats.registry import format_of_name, get_format, read_with_notes
 
 
 @dataclass(frozen=True)
@@ -20,12 +21,14 @@ class Conversion:
         target_format: Name of the format written.
         poses: Number of poses.
         lost: What the target format cannot hold, in words.
+        notes: What the reader said of the source.
     """
 
     source_format: str
     target_format: str
     poses: int
     lost: tuple[str, ...]
+    notes: tuple[ReadingNote, ...] = ()
 
 
 def convert_file(
@@ -44,7 +47,7 @@ def convert_file(
         target: The one to write; never the source.
         source_format: Name of the source's format; by default the likeliest.
         target_format: Name of the target's format; by default the one its name means.
-        options: Rate and sequence.
+        options: Rate, sequence, unit and strictness.
         overwrite: Write over an existing file.
 
     Raises:
@@ -56,7 +59,6 @@ def convert_file(
         ParameterError: No such format, none that the target's name means, the target is the
             source, or its format needs what the trajectory does not have.
     """
-    reader = get_format(source_format) if source_format else recognize(source)
     by_name = "target_format"  # the parameter to mention where the name means no format
     writer = get_format(target_format) if target_format else format_of_name(target, by_name)
     try:
@@ -68,7 +70,8 @@ def convert_file(
         raise ParameterError(f"{target} is the input: write to another file")
     if exists and not overwrite:
         raise AlreadyExistsError(target, "exists: choose another name, or give `overwrite`")
-    trajectory = reader.read(source, options or ReadOptions())
+    reading = read_with_notes(source, source_format, options, parameter="source_format")
+    trajectory = reading.trajectory
     writer.write(target, trajectory)
     lost: list[str] = []
     if trajectory.is_timed and not writer.has_times:
@@ -77,4 +80,4 @@ def convert_file(
         writer.has_names and all(name.endswith(writer.name_suffix) for name in trajectory.names)
     ):
         lost.append("image names")
-    return Conversion(reader.name, writer.name, len(trajectory), tuple(lost))
+    return Conversion(reading.format.name, writer.name, len(trajectory), tuple(lost), reading.notes)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_rows, to_ticks
 from vioapr.files.text import read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, pose_columns, poses_of, require_times
+from vioapr.formats.times import find_time_unit, seconds_of
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp_ns,x,y,z,qw,qx,qy,qz"
@@ -36,7 +39,11 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     rows = parse_rows(path, read_text(path), _WIDTHS, what=_COLUMNS, delimiter=",")
     values = rows.numbers(slice(1, 8))
     poses = poses_of(rows, values[:, :3], values[:, [4, 5, 6, 3]])
-    times = rows.ticks(0, _NANOSECONDS)
+    ticks = rows.ticks(0)
+    # Whole numbers are nanoseconds by the format, unless they are dates in another unit.
+    is_date = find_time_unit(np.array(ticks, dtype=np.float64)).is_date
+    is_whole = all(isinstance(tick, int) for tick in ticks)
+    times = seconds_of(path, ticks, options, fixed="ns" if is_whole and not is_date else None)
     return build_trajectory(rows, times, poses, options, source="body")
 
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from vioapr.files.tables import Rows
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.poses import build_trajectory, poses_of
+from vioapr.formats.times import UNIT_OF, seconds_of
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
 
@@ -33,10 +32,10 @@ def build_timed(
 
     Args:
         rows: Fields, the first a time.
-        options: Whether rows out of order are skipped.
+        options: Whether to be strict, the unit of times, and where notes go.
         convert: From the file's convention to ours, of `vioapr.formats.conventions`.
         pose: Columns of x, y, z, qx, qy, qz, qw.
-        per_second: Ticks of the clock in a second.
+        per_second: Ticks of the clock in a second: 1, a thousand, a million or a billion.
         target: Name of the target frame.
         source: Name of the source frame.
 
@@ -45,5 +44,5 @@ def build_timed(
     """
     values = rows.numbers(pose)
     poses = convert(poses_of(rows, values[:, :3], values[:, 3:7]))
-    times = rows.ticks(0, per_second) if per_second > 1 else np.ravel(rows.numbers([0]))
+    times = seconds_of(rows.path, rows.ticks(0), options, fixed=UNIT_OF[per_second])
     return build_trajectory(rows, times, poses, options, target=target, source=source)

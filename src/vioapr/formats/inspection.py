@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from vioapr.errors import FormatError
 from vioapr.formats.anomalies import find_anomalies, step_speeds
 from vioapr.formats.base import Format, ReadOptions
+from vioapr.formats.notes import ReadingNotes
 from vioapr.formats.readings import AS_READ, find_better_reading, fit_readings, up_of
-from vioapr.formats.registry import get_format, rank_formats, read_trajectory
+from vioapr.formats.registry import (
+    LEAST_CONFIDENCE,
+    get_format,
+    rank_formats,
+    read_trajectory,
+)
 from vioapr.geometry.vectors import angle_between_deg, path_length_m
 from vioapr.schemas.inspection import Candidate, Fit, Inspection, Speed, Up
 from vioapr.trajectory import Trajectory
 
-_LOW_CONFIDENCE = 0.6
-_MAX_LISTED = 3
 _NO_FIT_DEG = 15.0
 
 
@@ -26,7 +30,7 @@ def inspect_file(
     options: ReadOptions | None = None,
     against: Trajectory | None = None,
 ) -> Inspection:
-    """Read a file leniently and look for anomalies.
+    """Read a file, whatever format it most likely has, and look for anomalies.
 
     Args:
         path: A trajectory file, or a folder of a format that is one.
@@ -37,13 +41,12 @@ def inspect_file(
     Raises:
         FileMissingError: It is missing.
         UnreadableError: It cannot be read.
-        FormatError: It is malformed, in another way than by timestamps out of order.
+        FormatError: It is malformed in more than single rows.
         ParameterError: There is no format of that name, or the options do not fit.
         AssociationError: It has too few frames in common with the other track.
     """
-    skipped: list[FormatError] = []
-    options = options or ReadOptions()
-    options = ReadOptions(options.rate_hz, options.sequence, skipped)
+    notes = ReadingNotes()
+    options = replace(options or ReadOptions(), notes=notes)
     ranked = rank_formats(path) if format_name is None else [(get_format(format_name), 1.0)]
     # The ranking is not made a second time; a file that is of no format raises here.
     best = ranked[0][0].name if ranked else None
@@ -80,11 +83,13 @@ def inspect_file(
         else None,
         up=find_up(trajectory) if trajectory.source == "cam" else None,
         warnings=(
-            *warn_of_reading(ranked, skipped),
+            *warn_of_format(ranked),
+            *notes.warnings,
             *find_anomalies(trajectory),
             *warn_of_convention(fits),
         ),
         fits=tuple(fits),
+        notes=tuple(notes.remarks),
     )
 
 
@@ -102,33 +107,23 @@ def find_up(trajectory: Trajectory) -> Up:
     )
 
 
-def warn_of_reading(ranked: list[tuple[Format, float]], skipped: list[FormatError]) -> list[str]:
-    """Say that a file's format is uncertain, and which rows its reader left out.
+def warn_of_format(ranked: list[tuple[Format, float]]) -> list[str]:
+    """Say that a file's format is uncertain.
 
     Args:
         ranked: The formats that it may be, with a confidence of 0 to 1, likeliest first.
-        skipped: Errors of rows whose timestamps are out of order.
 
     Returns:
-        Warnings, one line each; possibly none.
+        A warning, or none.
     """
-    warnings: list[str] = []
     (best, confidence), others = ranked[0], ranked[1:]
-    if confidence < _LOW_CONFIDENCE:
-        names = ", ".join(f"{f.name} ({c:.0%})" for f, c in others) or "no other known format"
-        warnings.append(
-            f"format: only {confidence:.0%} sure of {best.name}; it may be {names}: "
-            "the columns alone do not tell"
-        )
-    if skipped:
-        listed = [f"line {error.line}: {error.problem}" for error in skipped[:_MAX_LISTED]]
-        rest = len(skipped) - len(listed)
-        more = f"; and {rest} more" if rest else ""
-        count = len(skipped)
-        warnings.append(
-            f"time: {count} rows out of order, left out here: {'; '.join(listed)}{more}"
-        )
-    return warnings
+    if confidence >= LEAST_CONFIDENCE:
+        return []
+    names = ", ".join(f"{f.name} ({c:.0%})" for f, c in others) or "no other known format"
+    return [
+        f"format: only {confidence:.0%} sure of {best.name}; it may be {names}: "
+        "the columns alone do not tell"
+    ]
 
 
 def warn_of_convention(fits: list[Fit]) -> list[str]:

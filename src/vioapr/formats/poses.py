@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.files.tables import Rows
+from vioapr.files.tables import RowProblem, Rows
 from vioapr.formats.base import ReadOptions
+from vioapr.formats.left_out import NO_POSE, distance_text, find_sound_rows
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
-from vioapr.trajectory import Trajectory, find_problem
+from vioapr.trajectory import UNIT_TOLERANCE, Trajectory
 
 MAX_DISTANCE_M = 1e9
 """Farther positions are not metres; also keeps the geometry from overflowing."""
@@ -28,57 +28,66 @@ MATRIX_TOLERANCE = 0.01
 def poses_of(rows: Rows, position_m: NDArray[np.float64], quat_xyzw: NDArray[np.float64]) -> Rigid3:
     """Check the numbers of a file and make them poses, in whatever convention it has.
 
-    To be called before any conversion, so that messages quote the file's own numbers.
-
-    Raises:
-        FormatError: Not finite, too far or not a unit quaternion, naming the line.
+    To be called before any conversion, so that messages quote the file's own numbers. Rows that
+    give no pose (not finite, a zero or no unit quaternion, too far) are noted in
+    `rows.problems` and get NaN: `build_trajectory` leaves them out or raises.
     """
-    _raise_problem(
-        rows, find_problem(np.arange(len(rows), dtype=np.float64), position_m, quat_xyzw)
-    )
-    is_far = (np.abs(position_m) > MAX_DISTANCE_M).any(axis=1)
-    if is_far.any():
-        row = int(np.argmax(is_far))
-        farthest = np.abs(position_m[row]).max()
-        problem = f"expected positions within {MAX_DISTANCE_M:.0e} m, got {farthest:.3g}"
-        raise FormatError(rows.path, problem, rows.lines[row])
-    return Rigid3(position_m, quaternion.normalize(quat_xyzw))
+    with np.errstate(all="ignore"):
+        norms = np.asarray(np.sqrt((quat_xyzw**2).sum(axis=1)))
+        numbers = np.column_stack([position_m, quat_xyzw])
+        is_finite = np.asarray(np.isfinite(numbers).all(axis=1))
+        is_unit = np.abs(norms - 1) <= UNIT_TOLERANCE
+        is_near = (np.abs(position_m) <= MAX_DISTANCE_M).all(axis=1)
+    bad: NDArray[np.bool_] = ~(is_finite & is_unit & is_near)
+    for row in np.flatnonzero(bad).tolist():
+        norm, far_m = f"{norms[row]:.6g}", np.abs(position_m[row]).max()
+        if not is_finite[row]:
+            problem = RowProblem("expected finite numbers, got NaN or inf", NO_POSE)
+        elif not is_unit[row]:
+            text = f"expected a unit quaternion, got one of norm {norm}"
+            problem = RowProblem(text, f"quaternion has norm {norm}" if norms[row] else NO_POSE)
+        else:
+            text = f"expected positions within {MAX_DISTANCE_M:.0e} m, got {far_m:.3g}"
+            problem = RowProblem(text, f"position is {distance_text(far_m)} away")
+        rows.problems.setdefault(rows.lines[row], problem)
+    positions = np.where(bad[:, None], np.nan, position_m)
+    quats = np.where(bad[:, None], np.nan, quat_xyzw)
+    return Rigid3(positions, quats / np.where(bad, np.nan, norms)[:, None])
 
 
 def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
     """Check 3x4 or 4x4 matrices of a file and make them poses, in whatever convention it has.
 
+    Rows that give no pose (not finite, too far, or no rotation in the left 3x3 part) are noted
+    and get NaN, as in `poses_of`.
+
     Args:
         rows: Where each came from.
         matrices: Shape (n, 3 or 4, 4).
-
-    Raises:
-        FormatError: Not finite, too far, or the left 3x3 part is not a rotation.
     """
     rotations, positions = matrices[:, :3, :3], matrices[:, :3, 3]
+    is_finite = np.isfinite(rotations).all(axis=(1, 2)) & np.isfinite(positions).all(axis=1)
+    is_nothing = ~is_finite | (rotations == 0).all(axis=(1, 2))
     # Bounded before they are multiplied, so that nothing overflows.
-    is_sane = (np.abs(rotations) <= 2).all(axis=(1, 2)) & np.isfinite(positions).all(axis=1)
-    if not is_sane.all():
-        row = int(np.argmin(is_sane))
-        raise FormatError(
-            rows.path, "expected finite numbers and a rotation matrix", rows.lines[row]
-        )
+    is_sane = np.asarray(is_finite & (np.abs(rotations) <= 2).all(axis=(1, 2)))
+    rotations = np.where(is_sane[:, None, None], rotations, 0.0)
     products = rotations @ np.swapaxes(rotations, -1, -2)
     is_orthonormal = (np.abs(products - np.eye(3)) <= MATRIX_TOLERANCE).all(axis=(1, 2))
-    if not is_orthonormal.all():
-        row = int(np.argmin(is_orthonormal))
-        raise FormatError(
-            rows.path, "expected a rotation matrix, got one not orthonormal", rows.lines[row]
-        )
-    is_mirror = np.linalg.det(rotations) < 0
-    if is_mirror.any():
-        row = int(np.argmax(is_mirror))
-        raise FormatError(
-            rows.path,
-            "expected a rotation matrix, got a mirror image (determinant -1): left-handed axes?",
-            rows.lines[row],
-        )
-    return poses_of(rows, positions, quaternion.from_matrix(rotations))
+    is_mirror = is_orthonormal & (np.linalg.det(rotations) < 0)
+    bad = np.asarray(~is_orthonormal | is_mirror)
+    for row in np.flatnonzero(bad).tolist():
+        if not is_sane[row]:
+            text = "expected finite numbers and a rotation matrix"
+        elif is_mirror[row]:
+            text = (
+                "expected a rotation matrix, got a mirror image (determinant -1): left-handed axes?"
+            )
+        else:
+            text = "expected a rotation matrix, got one not orthonormal"
+        summary = NO_POSE if is_nothing[row] else "matrix is no rotation"
+        rows.problems.setdefault(rows.lines[row], RowProblem(text, summary))
+    quats = quaternion.from_matrix(np.where(bad[:, None, None], np.eye(3), rotations))
+    return poses_of(rows, positions, np.where(bad[:, None], np.nan, quats))
 
 
 def build_trajectory(
@@ -92,39 +101,35 @@ def build_trajectory(
     target: str = "world",
     source: str = "cam",
 ) -> Trajectory:
-    """Build a trajectory from the checked poses of a file.
+    """Build a trajectory from the checked poses of a file, without the rows that give none.
 
     Args:
         rows: Where each pose came from.
         timestamp_s: Shape (n,), s; the row's index where there is no clock.
         target_from_source: Poses from `poses_of`, already in our conventions.
-        options: Whether rows out of order are skipped.
+        options: Whether to be strict, and where notes go.
         names: Image names.
         is_timed: Whether the timestamps are seconds of a clock.
         target: Name of the target frame.
         source: Name of the source frame.
 
     Raises:
-        FormatError: A time is not later than the one before or is no second, naming the line.
+        FormatError: No row or too few give a pose, times run backwards for many rows or are no
+            seconds, or `strict` and one row gives no pose; naming the line.
     """
-    kept = list(range(len(rows)))
-    if options.skipped is not None:
-        kept.clear()
-        latest_s = -math.inf
-        for row, time_s in enumerate(timestamp_s.tolist()):
-            # NaN is kept, for find_problem to report.
-            if time_s <= latest_s:
-                relation = "a duplicate of" if time_s == latest_s else "earlier than"
-                problem = f"timestamp {time_s:.6f} s is {relation} one before ({latest_s:.6f} s)"
-                options.skipped.append(FormatError(rows.path, problem, rows.lines[row]))
-            else:
-                kept.append(row)
-                latest_s = time_s
+    if not len(rows):
+        raise FormatError(rows.path, "expected at least one pose, got none")
+    kept = find_sound_rows(
+        rows,
+        timestamp_s,
+        target_from_source.translation_m,
+        options,
+        names,
+        is_timed=is_timed,
+    )
     rows, timestamp_s = rows.at(kept), timestamp_s[kept]
     poses = target_from_source.at(kept)
     names = None if names is None else [names[i] for i in kept]
-    position_m, quat_xyzw = poses.translation_m, poses.quat_xyzw
-    _raise_problem(rows, find_problem(timestamp_s, position_m, quat_xyzw, names=names))
     is_late = np.abs(timestamp_s) > MAX_TIME_S
     if is_late.any():
         row = int(np.argmax(is_late))
@@ -132,19 +137,13 @@ def build_trajectory(
         raise FormatError(rows.path, problem, rows.lines[row])
     return Trajectory.from_arrays(
         timestamp_s,
-        position_m,
-        quat_xyzw,
+        poses.translation_m,
+        poses.quat_xyzw,
         names,
         is_timed=is_timed,
         target=target,
         source=source,
     )
-
-
-def _raise_problem(rows: Rows, problem: tuple[int | None, str] | None) -> None:
-    if problem is not None:
-        row, what = problem
-        raise FormatError(rows.path, what, None if row is None else rows.lines[row])
 
 
 def index_times(count: int, options: ReadOptions) -> NDArray[np.float64]:

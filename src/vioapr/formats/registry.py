@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
@@ -27,6 +28,7 @@ from vioapr.formats import (
     tum,
 )
 from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
+from vioapr.formats.notes import LeftOutRow, ReadingNote, ReadingNotes
 from vioapr.trajectory import Trajectory
 
 _ALL = (
@@ -52,6 +54,9 @@ _ALL = (
     aria.FORMAT,
 )
 
+LEAST_CONFIDENCE = 0.6
+"""A format that is less sure is not read without being asked for."""
+
 FORMATS: dict[str, Format] = {format_.name: format_ for format_ in _ALL}
 
 
@@ -76,12 +81,22 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
     """
     if is_folder(path):
         return _rank(path, b"")
+    head = _read_head(path)
+    return _rank(path, head) or _rank_by_rows(path, head)
+
+
+def _read_head(path: Path) -> bytes:
     head = read_bytes(path, HEAD_BYTES)
     if not head.strip():
         raise FormatError(path, "expected a trajectory, got an empty file")
-    if ranked := _rank(path, head):
-        return ranked
-    # Formats that most of the first rows fit: their readers can then say which row is wrong.
+    return head
+
+
+def _rank_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
+    """Formats that some of the first rows fit, or that the name promises: at most 50 % sure.
+
+    Their readers can then say which row is wrong.
+    """
     rows = [row for row in head.splitlines() if row.strip() and not row.startswith(b"#")][:20]
     votes: dict[str, float] = {}
     for row in rows:
@@ -90,7 +105,6 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
     ranked = [(FORMATS[name], share / 2) for name, share in votes.items() if share > 0.3]
     if ranked or b"\0" in head:
         return sorted(ranked, key=lambda r: -r[1])
-    # The format that the name promises, for text that looks like none.
     return [
         (format_, 0.1)
         for format_ in FORMATS.values()
@@ -103,19 +117,75 @@ def _rank(path: Path, head: bytes) -> list[tuple[Format, float]]:
     return sorted((r for r in ranked if r[1] > 0), key=lambda r: -r[1])
 
 
+@dataclass(frozen=True)
+class FileReading:
+    """A trajectory and what its reader said of the file.
+
+    Attributes:
+        trajectory: The poses.
+        format: The format that it was read as.
+        confidence: How sure its recognition was, 0 to 1; 1 for a format that was given.
+        notes: Sentences about the file, in order.
+        left_out: Rows that gave no pose.
+    """
+
+    trajectory: Trajectory
+    format: Format
+    confidence: float
+    notes: tuple[ReadingNote, ...]
+    left_out: tuple[LeftOutRow, ...]
+
+    @property
+    def warnings(self) -> list[str]:
+        """The sentences of the notes that are warnings."""
+        return [note.text for note in self.notes if note.is_warning]
+
+
 def read_trajectory(
     path: Path, format_name: str | None = None, options: ReadOptions | None = None
 ) -> Trajectory:
     """Read a trajectory of a given format, or of the likeliest one.
 
+    Warnings, as of rows without a pose, go to the log "vioapr.formats".
+
     Raises:
         FileMissingError: It is missing.
         UnreadableError: It cannot be read.
-        FormatError: It is malformed, or its format is not recognized.
+        FormatError: It is malformed, or its format is not recognized or uncertain.
         ParameterError: There is no format of that name.
     """
     format_ = recognize(path) if format_name is None else get_format(format_name)
     return format_.read(path, options or ReadOptions())
+
+
+def read_with_notes(
+    path: Path,
+    format_name: str | None = None,
+    options: ReadOptions | None = None,
+    *,
+    parameter: str = "format_name",
+) -> FileReading:
+    """Read a trajectory, and keep what its reader says of the file.
+
+    Args:
+        path: A trajectory file, or a folder of a format that is one.
+        format_name: Its format, if known.
+        options: Rate, sequence, unit and strictness; its `notes` are not used.
+        parameter: The caller's, with which a user can choose the format.
+
+    Raises:
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is malformed, or its format is not recognized or uncertain.
+        ParameterError: There is no format of that name.
+    """
+    if format_name is None:
+        format_, confidence = recognize_surely(path, parameter)
+    else:
+        format_, confidence = get_format(format_name), 1.0
+    notes = ReadingNotes()
+    trajectory = format_.read(path, replace(options or ReadOptions(), notes=notes))
+    return FileReading(trajectory, format_, confidence, tuple(notes.notes), tuple(notes.left_out))
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, format_name: str | None = None) -> None:
@@ -153,21 +223,53 @@ def format_of_name(path: Path, parameter: str = "format_name") -> Format:
     )
 
 
-def recognize(path: Path) -> Format:
-    """Find the format that a file most likely has.
+def recognize(path: Path, parameter: str = "format_name") -> Format:
+    """Find the format that a file most likely has; see `recognize_surely`."""
+    return recognize_surely(path, parameter)[0]
+
+
+def recognize_surely(path: Path, parameter: str = "format_name") -> tuple[Format, float]:
+    """Find the format that a file has, and how sure that is.
+
+    Args:
+        path: A trajectory file, or a folder of a format that is one.
+        parameter: The caller's, with which a user can choose the format.
 
     Raises:
         FileMissingError: It is missing.
         UnreadableError: It cannot be read.
-        FormatError: It looks like none.
+        FormatError: It looks like none, or like several: the message lists them.
     """
-    if ranked := rank_formats(path):
-        return ranked[0][0]
     if is_folder(path):
-        found = "a folder that is of no format"
+        ranked, head = _rank(path, b""), b""
     else:
-        is_binary = b"\0" in read_bytes(path, HEAD_BYTES)
-        found = "binary content" if is_binary else "text of no known format"
+        head = _read_head(path)
+        ranked = _rank(path, head)
+    if ranked and ranked[0][1] >= LEAST_CONFIDENCE:
+        return ranked[0]
+    if ranked:
+        names = ", ".join(f"{format_.name} ({share:.0%})" for format_, share in ranked)
+        raise FormatError(
+            path, f"its format is uncertain: it may be {names}: choose with `{parameter}`"
+        )
+    if head and (nearest := _rank_by_rows(path, head)):
+        return _explain_or_accept(path, nearest[0][0], parameter)
+    what = "binary content" if b"\0" in head else "text of no known format"
+    found = what if head else "a folder that is of no format"
     raise FormatError(
         path, f"expected a trajectory, got {found}; vioapr knows {', '.join(FORMATS)}"
     )
+
+
+def _explain_or_accept(path: Path, nearest: Format, parameter: str) -> tuple[Format, float]:
+    """Say why a file is not of the nearest format; if its reader takes it, it is after all."""
+    try:
+        nearest.read(path, ReadOptions(notes=ReadingNotes()))
+    except FormatError as error:
+        raise FormatError(
+            error.path,
+            f"{error.problem} (read as {nearest.name}, the nearest of the known formats; "
+            f"choose another with `{parameter}`)",
+            error.line,
+        ) from None
+    return nearest, LEAST_CONFIDENCE

@@ -58,9 +58,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         table = parse_rows(file, read_text(file), range(4, 5), what="a row of a 4x4 matrix")
         if len(table) != 4:
             raise FormatError(file, f"expected a 4x4 matrix, got {len(table)} rows")
-        matrix = table.numbers(slice(0, 4))
-        rigid_of_matrices(Rows.numbered(file, 1), matrix[None])  # an error names this file
-        matrices.append(matrix)
+        matrices.append(table.numbers(slice(0, 4)))
     prefix = f"{path.name}/" if re.fullmatch(r"seq-?\d+", path.name) else ""
     names = [
         prefix + file.relative_to(path).as_posix().removesuffix(_POSE_SUFFIX) + _IMAGE_SUFFIX

@@ -8,6 +8,7 @@ from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_numbe
 from vioapr.files.text import has_suffix, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, pose_columns, poses_of, require_times
+from vioapr.formats.times import seconds_of
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp x y z qx qy qz qw"
@@ -21,14 +22,15 @@ def sniff(path: Path, head: bytes) -> float:
 
 
 def read(path: Path, options: ReadOptions) -> Trajectory:
-    """Read world_from_cam poses; timestamps are in seconds.
+    """Read world_from_cam poses; timestamps are in seconds, or in a unit that their values tell.
 
     Raises:
         FileError: It cannot be read or is malformed, naming file and line.
     """
     rows, values = parse_numbers(path, read_text(path), range(8, 9), what=_COLUMNS)
     poses = poses_of(rows, values[:, 1:4], values[:, 4:8])
-    return build_trajectory(rows, values[:, 0], poses, options)
+    times = seconds_of(path, values[:, 0], options)
+    return build_trajectory(rows, times, poses, options)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:

@@ -88,6 +88,7 @@ class Inspection(Record, frozen=True, kw_only=True):
         up: Or None where the source frame is not a camera.
         warnings: What looks wrong, a line each.
         fits: Readings compared with another track, best first; empty without one.
+        notes: How the file was read, where it is worth knowing: units and columns found.
     """
 
     path: str
@@ -106,3 +107,4 @@ class Inspection(Record, frozen=True, kw_only=True):
     up: Up | None
     warnings: tuple[str, ...]
     fits: tuple[Fit, ...] = ()
+    notes: tuple[str, ...] = ()
