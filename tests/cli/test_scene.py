@@ -120,9 +120,32 @@ def test_import_keeps_what_was_imported_before_a_failure(run, tmp_path):
     code, _, err = run("import", "marvin", tmp_path / "Church", "--out", tmp_path / "out")
     assert code == 2
     assert "none of 20 images can be used" in err
-    _, out, err = run("scene", "check", tmp_path / "out")
+    code, out, _ = run("scene", "check", tmp_path / "out")
+    assert code == 0
+    assert "note: " in out
     assert "the split test is empty" in out
-    assert "1 problems in 1 recordings, 20 frames, 20 images" in err
+    assert "1 recordings, 20 frames, 20 images: nothing is wrong" in out
+
+
+def test_import_says_flags_for_parameters(run, tmp_path):
+    source = make_nerfstudio(tmp_path / "capture")
+    _, text, _ = run("import", "nerfstudio", source, "--out", tmp_path / "s", "--place", "indoor")
+    assert "if they are in metres, give --metric" in text
+    _, text, _ = run(
+        "import", "nerfstudio", source, "--out", tmp_path / "s", "--id", "b", "--metric",
+        "--focal-px", "30",
+    )  # fmt: skip
+    assert "scale: metres, as you say" in text
+    assert "focal length 30 pixels, as you say" in text
+
+
+def test_strict_import_refuses_warnings_and_leaves_nothing(fails, tmp_path):
+    source = make_nerfstudio(tmp_path / "capture")
+    message = fails(
+        "import", "nerfstudio", source, "--out", tmp_path / "s", "--place", "indoor", "--strict"
+    )
+    assert "refused, as --strict says: no timestamps" in message
+    assert not list((tmp_path / "s").rglob("frames.csv"))
 
 
 def test_import_says_what_is_missing(fails, tmp_path):

@@ -13,8 +13,9 @@ from vioapr.importers.base import ImportedScene, Walk, flat_names, id_of
 from vioapr.importers.diagnostics import diagnose
 from vioapr.importers.images import IMPORTER as IMAGES
 from vioapr.importers.stray import IMPORTER as STRAY
-from vioapr.importers.write import open_or_create, write_recording
+from vioapr.importers.write import WriteSettings, open_or_create, write_recording
 from vioapr.scene.check import check_scene
+from vioapr.scene.frames import Intrinsics
 from vioapr.scene.scene import Scene
 from vioapr.schemas.scene import World
 
@@ -89,12 +90,76 @@ def test_no_image_can_be_used(scene, tmp_path):
     assert snapshot(scene) == before
 
 
-def test_intrinsics_of_another_size_are_reported(scene, tmp_path):
+def test_intrinsics_of_another_size_are_rescaled(scene, tmp_path):
     walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
-    walk.intrinsics = walk.intrinsics._replace(width=640, height=480)
-    write()
+    walk.intrinsics = Intrinsics(640, 480, 800.0, 840.0, 310.0, 250.0)
+    frames = write().recording("scan").frames
+    # Pixels count from the edge of the first one, so everything shrinks alike.
+    np.testing.assert_allclose(np.array(frames.intrinsics)[:, 0], [16, 12, 20, 21, 7.75, 6.25])
+    note = texts(walk, warnings=False)
+    assert "they are of images of 640x480, and the images are 16x12: rescaled" in note
+    assert not check_scene(scene.folder).errors
+
+
+def test_intrinsics_of_another_shape_are_left_out(scene, tmp_path):
+    walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    walk.intrinsics = Intrinsics(640, 360, 800.0, 840.0, 310.0, 170.0)
+    frames = write().recording("scan").frames
+    assert np.isnan(frames.intrinsics.fx).all()
+    assert (frames.intrinsics.height == 12).all()
     warning = texts(walk, warnings=True)
-    assert "they are of images of 640x480, and the images are 16x12" in warning
+    assert "of 640x360, and the images are 16x12: another shape, and what was cut off" in warning
+    assert "give `focal_px`" in warning
+    assert not check_scene(scene.folder).errors
+
+
+def test_intrinsics_of_upright_images_are_not_those_of_lying_ones(scene, tmp_path):
+    walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    walk.intrinsics = Intrinsics(480, 640, 800.0, 840.0, 240.0, 320.0)
+    assert np.isnan(write().recording("scan").frames.intrinsics.fx).all()
+    assert "which way it was turned is not known" in texts(walk, warnings=True)
+
+
+def test_intrinsics_without_size_are_of_the_size_that_their_middle_shows(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "camera_matrix.csv").write_text("80, 0, 32.5\n0, 84, 23.8\n0, 0, 1")
+    walk, write = import_stray(scene, source)
+    frames = write().recording("scan").frames
+    np.testing.assert_allclose(np.array(frames.intrinsics)[:, 0], [16, 12, 20, 21, 8.125, 5.95])
+    assert "of 64x48, and the images are 16x12: rescaled" in texts(walk, warnings=False)
+
+
+def test_intrinsics_whose_middle_fits_no_image_are_left_out(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "camera_matrix.csv").write_text("80, 0, 32\n0, 84, 6\n0, 0, 1")
+    walk, write = import_stray(scene, source)
+    assert np.isnan(write().recording("scan").frames.intrinsics.fx).all()
+    assert "their middle is that of images of 64x12" in texts(walk, warnings=True)
+
+
+def test_a_focal_length_that_is_given_counts(scene, tmp_path):
+    (walk,) = read_walks(STRAY, make_stray(tmp_path / "scan"))
+    frames = write_recording(scene, walk, WriteSettings(focal_px=33)).recording("scan").frames
+    np.testing.assert_array_equal(np.array(frames.intrinsics)[:, 0], [16, 12, 33, 33, 8, 6])
+    assert "focal length 33 pixels, as you say" in texts(walk, warnings=False)
+
+
+def test_strict_refuses_what_is_imported_with_a_warning(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "rgb/000002.jpg").write_bytes(jpeg()[:-3])
+    (walk,) = read_walks(STRAY, source)
+    before = snapshot(scene)
+    with pytest.raises(FormatError, match=r"refused, as `strict` says: images: 1 are missing"):
+        write_recording(scene, walk, WriteSettings(strict=True))
+    assert snapshot(scene) == before
+
+
+def test_frames_are_counted_as_their_images_are(scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "rgb/000002.jpg").write_bytes(b"")
+    _, write = import_stray(scene, source)
+    notes = write().recording("scan").info.notes
+    assert notes[0] == "20 frames: 19 with image, 20 with tracker's pose"
 
 
 def test_intrinsics_that_cannot_be_are_left_out(scene, tmp_path):

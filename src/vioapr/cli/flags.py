@@ -38,7 +38,7 @@ def name_flags(error: VioAprError, flags: dict[str, str]) -> str:
         error: Of the library.
         flags: From `flag_names`.
     """
-    message = re.sub(r"`([\w.]+)`", lambda m: flags.get(m[1], m[0]), str(error))
+    message = fill_flags(str(error), flags)
     if not isinstance(error, ParameterError):
         return message
     head, colon, rest = message.partition(": ")
@@ -46,6 +46,16 @@ def name_flags(error: VioAprError, flags: dict[str, str]) -> str:
     if colon and all(word in flags for word in words):
         return re.sub(r"[\w.]+", lambda m: flags.get(m[0], m[0]), head) + colon + _fill(rest, flags)
     return _fill(message, flags)
+
+
+def fill_flags(text: str, flags: dict[str, str]) -> str:
+    """Put flags in place of the names of parameters in backticks.
+
+    Args:
+        text: Of the library.
+        flags: From `flag_names`.
+    """
+    return re.sub(r"`([\w.]+)`", lambda m: flags.get(m[1], m[0]), text)
 
 
 def _fill(text: str, flags: dict[str, str]) -> str:

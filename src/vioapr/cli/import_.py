@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 
 from vioapr.cli.console import progress, say
+from vioapr.cli.flags import fill_flags, flag_names
 from vioapr.importers.base import ImportOptions, Place, Split
 from vioapr.importers.registry import get_importer, import_source
 
@@ -24,6 +25,9 @@ def import_(
     poses: Path | None = None,
     gt: Path | None = None,
     rate_hz: float | None = None,
+    focal_px: float | None = None,
+    metric: bool = False,
+    strict: bool = False,
 ) -> None:
     """Import what another app or data set recorded into a scene, and say what was found.
 
@@ -42,12 +46,17 @@ def import_(
         poses: The tracker's trajectory for a folder of images, in any format.
         gt: The ground truth's trajectory for a folder of images, in any format.
         rate_hz: Frames per second, for sources without timestamps.
+        focal_px: Focal length in pixels of the images as they are, where the source has none or
+            a wrong one.
+        metric: The poses are in metres, although the source does not show it (nerfstudio, images).
+        strict: Refuse what is otherwise imported with a warning.
 
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.
     """
-    options = ImportOptions(id, split, tracker, poses, gt, rate_hz)
+    options = ImportOptions(id, split, tracker, poses, gt, rate_hz, focal_px, metric, strict=strict)
     importer = get_importer(format)
+    flags = flag_names(import_)
     count = 0
     for imported in import_source(
         importer, source, out, options, place=place, link=images == "link", progress=progress
@@ -56,6 +65,6 @@ def import_(
         say(f"{imported.folder} ({where})", "bold")
         for finding in imported.findings:
             warning, style = ("WARNING ", "yellow") if finding.is_warning else ("", "")
-            say(f"  {warning}{finding.text}", style)
+            say(f"  {warning}{fill_flags(finding.text, flags)}", style)
         count += 1
     say(f"{out}: {count} recording{'s' if count != 1 else ''} imported")

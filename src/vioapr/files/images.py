@@ -23,6 +23,9 @@ from vioapr.files.append_table import write_all
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
+MAX_MEGAPIXELS = 400.0
+"""The largest image that is decoded: its pixels take 1.2 GB."""
+
 JPEG_QUALITY = 92
 """Of images that are given as arrays; few features are lost and a frame stays small."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import ParameterError
-from vioapr.files.images import IMAGE_SUFFIXES
+from vioapr.files.images import IMAGE_SUFFIXES, MAX_MEGAPIXELS
 from vioapr.files.text import natural_key
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Intrinsics, Tracking
@@ -28,16 +29,31 @@ Image = Path | str | bytes | NDArray[np.uint8] | None
 _ODD = re.compile(r'[,"\s\x00-\x1f]')
 """What the name of an image in `frames.csv` must not hold."""
 
+DEFAULT_MAX_MEGAPIXELS = 100.0
+"""Larger images are mostly panoramas and mistakes, and a small file may hold a huge one."""
+
 Split = Literal["train", "test", "none"]
 Place = Literal["outdoor", "indoor"]
 
 
+Up = Literal["definition", "first-pose", "unknown"]
+"""Why y should be up in a tracker's world: by the format's definition, as ARKit's; not at all, as
+the world is the first camera's; or nobody says."""
+
+
 @dataclass(frozen=True)
 class Finding:
-    """Something that was found out; a warning where the user should look."""
+    """Something that was found out; a warning where the user should look.
+
+    Attributes:
+        text: For people.
+        is_warning: Whether the user should look.
+        topic: Of the findings on one topic, the last counts; "" has no topic.
+    """
 
     text: str
     is_warning: bool = False
+    topic: str = ""
 
 
 @dataclass(frozen=True)
@@ -51,6 +67,11 @@ class ImportOptions:
         poses: A trajectory file of the tracker's poses.
         gt: A trajectory file of ground truth.
         rate_hz: Frames per second, for sources without timestamps.
+        focal_px: The focal length, pixels of the images as they are, for sources without any or
+            instead of theirs.
+        metric: The poses are in metres, although the source does not show it.
+        max_megapixels: The largest image to import.
+        strict: Refuse what else is imported with a warning.
     """
 
     id: str | None = None
@@ -59,6 +80,21 @@ class ImportOptions:
     poses: Path | None = None
     gt: Path | None = None
     rate_hz: float | None = None
+    focal_px: float | None = None
+    metric: bool = False
+    max_megapixels: float = DEFAULT_MAX_MEGAPIXELS
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("rate_hz", "focal_px", "max_megapixels"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ParameterError(f"{name}: expected a number above 0, got {value}")
+        if self.max_megapixels > MAX_MEGAPIXELS:
+            raise ParameterError(
+                f"max_megapixels: at most {MAX_MEGAPIXELS:g} can be read, got "
+                f"{self.max_megapixels:g}"
+            )
 
     def split_or(self, default: str | None) -> str | None:
         """The split to use: the user's, or the importer's own."""
@@ -81,6 +117,7 @@ class Walk:
         tracking: Shape (n,), values of `Tracking`.
         intrinsics: Numbers, or shapes (n,).
         gt: world_from_cam of some of the frames, with their timestamps, or None.
+        up: Why y should be up in the tracker's world.
         imu: Or None.
         gnss: Or None.
         heading: Or None.
@@ -98,6 +135,7 @@ class Walk:
     tracking: NDArray[np.uint8]
     intrinsics: Intrinsics = field(default_factory=Intrinsics)
     gt: Trajectory | None = None
+    up: Up = "unknown"
     imu: Imu | None = None
     gnss: Gnss | None = None
     heading: Heading | None = None
@@ -106,9 +144,14 @@ class Walk:
     def __len__(self) -> int:
         return len(self.timestamp_s)
 
-    def note(self, text: str) -> None:
-        """Add something that is as it should be."""
-        self.findings.append(Finding(text))
+    def note(self, text: str, topic: str = "") -> None:
+        """Add something that is as it should be; it replaces a finding on the same topic."""
+        finding = Finding(text, topic=topic)
+        rows = [row for row, other in enumerate(self.findings) if topic and other.topic == topic]
+        if rows:
+            self.findings[rows[0]] = finding
+        else:
+            self.findings.append(finding)
 
     def warn(self, text: str) -> None:
         """Add something that the user should look at."""
@@ -207,7 +250,16 @@ def flat_names(paths: Sequence[str]) -> list[str]:
     # All at once first: odd names are rare, and there may be very many.
     elif not _ODD.search("/".join(names)) and not any(name[:1] == "." for name in names):
         return names
-    return [_ODD.sub("_", name).lstrip(".") for name in names]
+    names = [_ODD.sub("_", name).lstrip(".") for name in names]
+    # Different names may have become the same.
+    used: set[str] = set()
+    for row, name in enumerate(names):
+        stem, _, suffix = name.rpartition(".")
+        copy = 2
+        while names[row] and names[row] in used:
+            names[row], copy = f"{stem}-{copy}.{suffix}", copy + 1
+        used.add(names[row])
+    return names
 
 
 def tracking_of(vio_from_cam: Rigid3) -> NDArray[np.uint8]:

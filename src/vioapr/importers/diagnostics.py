@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -17,7 +18,7 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2, angle_between_deg
 from vioapr.importers.base import Walk
 from vioapr.scene.divergence import WINDOW_S, find_divergence
-from vioapr.scene.frames import Intrinsics, Tracking
+from vioapr.scene.frames import Tracking
 from vioapr.trajectory import Trajectory, nearest_rows
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -26,7 +27,21 @@ UP = np.array([0.0, 1.0, 0.0])
 MAX_NAMED = 3
 """Images or sizes that a finding names."""
 
-_ACCEL_TOLERANCE_DEG = 10.0
+_ACCEL_TOLERANCE_DEG, _OPPOSITE_DEG = 10.0, 150.0
+_STEADY = 0.9
+# Of a way in a plane: its least spread, how flat it is, and how near its normal is to an axis.
+_LEAST_SPREAD_M, _FLAT, _CLEAR_COSINE = 0.5, 0.2, 0.95
+
+
+COUNTS = "counts"
+"""The topic of how many frames have what."""
+
+
+def note_counts(walk: Walk, images: int) -> None:
+    """Say how many frames have an image, a tracker's pose and ground truth."""
+    rows = np.flatnonzero(walk.tracking != Tracking.LOST)
+    text = f"{len(walk)} frames: {images} with image, {len(rows)} with tracker's pose"
+    walk.note(text if walk.gt is None else f"{text}, {len(walk.gt)} with ground truth", COUNTS)
 
 
 def diagnose(walk: Walk) -> None:
@@ -36,8 +51,7 @@ def diagnose(walk: Walk) -> None:
     """
     rows = np.flatnonzero(walk.tracking != Tracking.LOST)
     images = sum(1 for name in walk.image_names if name)
-    text = f"{len(walk)} frames: {images} with image, {len(rows)} with tracker's pose"
-    walk.note(text if walk.gt is None else f"{text}, {len(walk.gt)} with ground truth")
+    note_counts(walk, images)
     if walk.info.has_images and images < len(walk):
         missing = [row for row, name in enumerate(walk.image_names) if not name]
         walk.warn(f"images: {len(missing)} frames have none, the first is frame {missing[0] + 1}")
@@ -74,45 +88,100 @@ def diagnose(walk: Walk) -> None:
 def diagnose_gravity(walk: Walk, rows: NDArray[np.intp]) -> None:
     """Add findings on whether y is up in the tracker's world, and set `is_gravity_aligned`.
 
-    Hand-held cameras are held level, so the mean of their up-vectors is up; and the mean
-    specific force of a walk points up.
+    The accelerometer decides: the mean specific force of a walk points up. Without one, the
+    format decides, and only where nobody says how the camera is held: level, mostly. A phone
+    may look down all the time, at a desk or at the floor.
 
     Args:
         walk: With a tracker.
         rows: Frames with a pose.
     """
+    held = describe_holding(walk, rows)
+    measured = measure_up(walk, rows)
+    if measured is not None:
+        off_deg, is_steady = measured
+        if off_deg <= _ACCEL_TOLERANCE_DEG:
+            odd = "" if held.is_y_up else "the tracker's +y is up by the accelerometer; "
+            walk.note(f"gravity: {odd}{held.text}")
+            walk.note(f"accelerometer: agrees with the tracker's up to {off_deg:.1f} deg")
+            return
+        text = f"accelerometer: its up is {off_deg:.0f} deg off the tracker's: other axes, another "
+        if is_steady and off_deg < _OPPOSITE_DEG:
+            walk.warn(f"{text}clock, or a world that is not y up: marked as not gravity-aligned")
+            walk.info = replace(walk.info, is_gravity_aligned=False)
+            return
+        walk.warn(f"{text}sign or another clock: it is not trusted")
+    if walk.up == "first-pose":
+        walk.note(
+            "gravity: the world is the first camera's, whose tilt nobody knows: marked as not "
+            "gravity-aligned"
+        )
+        walk.info = replace(walk.info, is_gravity_aligned=False)
+    elif held.is_y_up:
+        walk.note(f"gravity: {held.text}")
+    elif walk.up == "definition":
+        walk.note(f"gravity: the tracker's +y is up by its definition; {held.text}")
+    else:
+        walk.warn(
+            f"gravity: expected +y to be up in the tracker's world, but {held.text}: marked as not "
+            "gravity-aligned"
+        )
+        walk.info = replace(walk.info, is_gravity_aligned=False)
+
+
+class Holding(NamedTuple):
+    """How a camera is held in its tracker's world.
+
+    Attributes:
+        is_y_up: Whether +y is the axis nearest to the camera's up.
+        text: For people.
+    """
+
+    is_y_up: bool
+    text: str
+
+
+def describe_holding(walk: Walk, rows: NDArray[np.intp]) -> Holding:
+    """Describe how the camera is held in the frames with a pose."""
     up, spread_deg, is_portrait = up_of(walk.vio_from_cam.quat_xyzw[rows])
     name, off_deg = nearest_axis(up), float(angle_between_deg(up, UP))
     # A phone may be held tilted all the time, but hardly by half a right angle.
-    if name == "+y":
-        held = ", held in portrait" if is_portrait else ""
-        walk.note(
-            f"gravity: the tracker's +y is up, as the camera is held ({off_deg:.0f} deg off, "
-            f"spread {spread_deg:.0f} deg{held})"
-        )
-    else:
-        walk.warn(
-            f"gravity: expected +y to be up in the tracker's world, but the camera's up is "
-            f"{off_deg:.0f} deg off, nearest to {name}: marked as not gravity-aligned"
-        )
-        walk.info = replace(walk.info, is_gravity_aligned=False)
-    off_deg = None if walk.imu is None else accelerometer_off_deg(walk, rows)
-    if off_deg is not None and off_deg <= _ACCEL_TOLERANCE_DEG:
-        walk.note(f"accelerometer: agrees with the tracker's up to {off_deg:.1f} deg")
-    elif off_deg is not None:
-        walk.warn(
-            f"accelerometer: its up is {off_deg:.0f} deg off the tracker's: other axes, another "
-            "clock, or a world that is not y up"
-        )
+    if name != "+y":
+        return Holding(False, f"the camera's up is {off_deg:.0f} deg off, nearest to {name}")
+    level = level_axis(walk.vio_from_cam.translation_m[rows])
+    if level not in (None, "y"):
+        return Holding(False, f"the way lies in a plane across {level}")
+    portrait = ", held in portrait" if is_portrait else ""
+    return Holding(
+        True,
+        f"the tracker's +y is up, as the camera is held ({off_deg:.0f} deg off, spread "
+        f"{spread_deg:.0f} deg{portrait})",
+    )
 
 
-def diagnose_images(walk: Walk, broken: Sequence[str], sizes: Collection[tuple[int, int]]) -> None:
-    """Add findings on a walk's images.
+def level_axis(position_m: NDArray[np.float64]) -> str | None:
+    """The axis that is across the plane of a walk, or None where the way is in no clear plane.
+
+    People walk on floors: over some metres, the way is flat and spreads along two axes.
+
+    Args:
+        position_m: Shape (n, 3), in whatever unit.
+    """
+    centred = position_m - position_m.mean(axis=0)
+    spreads, axes = np.linalg.eigh(centred.T @ centred / len(centred))
+    flat, middle, _ = np.sqrt(np.maximum(spreads, 0)).tolist()
+    normal = axes[:, 0]
+    if middle < _LEAST_SPREAD_M or flat > _FLAT * middle or np.abs(normal).max() < _CLEAR_COSINE:
+        return None
+    return nearest_axis(normal)[1]
+
+
+def diagnose_images(walk: Walk, broken: Sequence[str]) -> None:
+    """Add findings on a walk's images, and count them again.
 
     Args:
         walk: The walk.
         broken: Images that cannot be used, and why.
-        sizes: Widths and heights of the others, pixels.
 
     Raises:
         FormatError: No image can be used.
@@ -123,53 +192,33 @@ def diagnose_images(walk: Walk, broken: Sequence[str], sizes: Collection[tuple[i
         walk.warn(f"images: {len(broken)} are missing or broken, their frames have none: {named}")
     if wanted and len(broken) == wanted:
         raise FormatError(walk.source, f"none of {wanted} images can be used: {broken[0]}")
-    size = np.column_stack([np.ravel(walk.intrinsics.width), np.ravel(walk.intrinsics.height)])
-    said = {(int(w), int(h)) for w, h in size[np.isfinite(size).all(axis=1)].tolist()}
-    found, expected = (
-        ", ".join(f"{width}x{height}" for width, height in sorted(some)[:MAX_NAMED])
-        for some in (sizes, said)
-    )
-    if sizes and said and set(sizes) != said:
-        walk.warn(f"intrinsics: they are of images of {expected}, and the images are {found}")
-    elif sizes:
-        known = "known" if np.isfinite(np.asarray(walk.intrinsics.fx)).all() else "not known"
-        walk.note(f"images: {found} pixels; focal length {known}")
+    note_counts(walk, wanted - len(broken))
 
 
-def drop_impossible_intrinsics(walk: Walk) -> None:
-    """Mark cameras that cannot be as not known, and warn of them."""
-    table = np.array([np.broadcast_to(column, len(walk)) for column in walk.intrinsics])
-    size, pinhole = table[:2], table[2:]
-    with np.errstate(invalid="ignore"):
-        is_odd_size = ~((size >= 1) & (size == np.round(size))).all(axis=0)
-        is_odd = ~(np.isfinite(pinhole).all(axis=0) & (pinhole[:2] > 0).all(axis=0))
-    is_wrong = np.isfinite(size).any(axis=0) & is_odd_size
-    is_wrong |= np.isfinite(pinhole).any(axis=0) & is_odd
-    if is_wrong.any():
-        walk.warn(
-            f"intrinsics: those of {is_wrong.sum()} frames are left out: sizes must be whole, "
-            "focal lengths above 0"
-        )
-        table[:2, is_odd_size], table[2:, is_odd] = np.nan, np.nan
-        walk.intrinsics = Intrinsics(*table)
-
-
-def accelerometer_off_deg(walk: Walk, rows: NDArray[np.intp]) -> float | None:
-    """Angle between the tracker's up and that of the accelerometer, or None where it has none.
+def measure_up(walk: Walk, rows: NDArray[np.intp]) -> tuple[float, bool] | None:
+    """Measure the tracker's up by the accelerometer.
 
     Args:
-        walk: With `imu`.
+        walk: The walk.
         rows: Frames with a pose.
+
+    Returns:
+        The angle between the tracker's up and the accelerometer's, degrees, and whether the
+        latter is steady in the tracker's world; None where there is no accelerometer.
     """
-    assert walk.imu is not None
+    if walk.imu is None or not len(walk.imu.timestamp_s):
+        return None
     force = walk.imu.accel_m_s2
     known = np.isfinite(force).all(axis=1)
     least = STANDARD_GRAVITY_M_S2 / 2
     if not known.any() or np.median(np.linalg.norm(force[known], axis=1)) < least:
         return None
     frame = rows[nearest_rows(walk.imu.timestamp_s[known], walk.timestamp_s[rows])]
-    mean = quaternion.rotate(walk.vio_from_cam.quat_xyzw[frame], force[known]).mean(axis=0)
-    return float(angle_between_deg(mean, UP))
+    forces = quaternion.rotate(walk.vio_from_cam.quat_xyzw[frame], force[known])
+    mean = forces.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    is_steady = length > _STEADY * float(np.linalg.norm(forces, axis=1).mean())
+    return float(angle_between_deg(mean, UP)), is_steady
 
 
 def nearest_axis(direction: NDArray[np.float64]) -> str:
@@ -185,7 +234,9 @@ def turn_y_up(poses: Trajectory) -> tuple[str, Rigid3]:
         What was done, for people; target_from_cam.
     """
     up = up_of(poses.quat_xyzw)[0]
-    if up[2] > max(abs(up[0]), abs(up[1])):
+    # A camera that looks down has its up along the floor, maybe along z.
+    is_level = level_axis(poses.position_m) in (None, "z")
+    if up[2] > max(abs(up[0]), abs(up[1])) and is_level:
         return "z up, turned to y up", y_up_from_z_up(poses.target_from_source)
     return "kept as it is", poses.target_from_source
 

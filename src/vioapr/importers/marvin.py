@@ -206,6 +206,7 @@ def read_walk(
         images=[b if not a.exists() and b.exists() else a for a, b in beside],
         vio_from_cam=poses,
         tracking=tracking_of(poses),
+        up="definition",
     )
     walk.note(f"no timestamps: counted at {rate_hz:g} frames per second")
     if vio is None:

@@ -18,7 +18,7 @@ from vioapr.files.tables import parse_rows
 from vioapr.files.text import read_text
 from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2
 from vioapr.importers.base import Walk
-from vioapr.importers.diagnostics import accelerometer_off_deg
+from vioapr.importers.diagnostics import measure_up
 from vioapr.scene.frames import Tracking
 from vioapr.scene.sensors import Gnss, Heading, Imu
 
@@ -85,9 +85,9 @@ def add_accelerometer(walk: Walk, rows: NDArray[np.intp], accel_g: NDArray[np.fl
         turn = np.linalg.matrix_power(_QUARTER_TURN, quarter)
         force = -STANDARD_GRAVITY_M_S2 * accel_g @ (_CAM_FROM_SCREEN @ turn).T
         walk.imu = Imu(walk.timestamp_s[rows], force, np.full_like(force, np.nan))
-        off_deg = accelerometer_off_deg(walk, posed)
-        if off_deg is not None and off_deg < best[0]:
-            best = off_deg, 90 * quarter, walk.imu
+        measured = measure_up(walk, posed)
+        if measured is not None and measured[0] < best[0]:
+            best = measured[0], 90 * quarter, walk.imu
     off_deg, turn_deg, imu = best
     walk.imu = imu if off_deg <= _MAX_OFF_DEG else None
     if walk.imu is None:

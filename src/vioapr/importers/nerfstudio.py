@@ -1,16 +1,16 @@
-"""nerfstudio, instant-ngp or Polycam: `transforms.json` with images and intrinsics."""
+"""nerfstudio, instant-ngp, NeRFCapture: `transforms.json` with images and intrinsics."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vioapr.files.images import IMAGE_SUFFIXES
-from vioapr.files.text import read_text
-from vioapr.formats import nerfstudio
-from vioapr.formats.base import ReadOptions
+from vioapr.errors import FormatError
+from vioapr.files.images import probe_image
+from vioapr.files.text import natural_key
+from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
     ImportedScene,
     Importer,
@@ -21,15 +21,22 @@ from vioapr.importers.base import (
     one_walk,
     tracking_of,
 )
-from vioapr.importers.diagnostics import turn_y_up
+from vioapr.importers.diagnostics import MAX_NAMED, turn_y_up
+from vioapr.importers.image_paths import ImagePaths
+from vioapr.importers.transforms import (
+    Transforms,
+    TransformsFrame,
+    poses_of_matrices,
+    read_times,
+)
+from vioapr.importers.transforms_world import World, find_world
 from vioapr.scene.frames import Intrinsics
-from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 from vioapr.schemas.recording import RecordingInfo
+from vioapr.trajectory import Trajectory
 
 _FILE = "transforms.json"
 _DEFAULT_RATE_HZ = 1.0
-_KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x")
-_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_PINHOLE = {"", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"}
 
 
 def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
@@ -38,75 +45,200 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
 
 
 def read_walk(source: Path, options: ImportOptions) -> Walk:
-    """Read the poses, cameras and paths of images."""
+    """Read the poses, cameras and paths of images.
+
+    Raises:
+        FileError: It cannot be read, or no frame of it can be used.
+    """
     path = source / _FILE if source.is_dir() else source
-    poses = nerfstudio.read(path, ReadOptions())
-    content = load_object(path, read_text(path))
-    assert poses.names is not None  # every frame has a file_path
-    entries = {frame["file_path"]: frame for frame in get_list(path, content, "frames")}
-    images = [find_image(path.parent, name) for name in poses.names]
-    rate_hz = options.rate_hz or _DEFAULT_RATE_HZ
-    world, vio_from_cam = turn_y_up(poses)
+    found = Transforms.read(path)
+    paths = ImagePaths(path.parent)
+    image_of = {frame.entry: paths.find(frame.file_path) for frame in found.frames}
+    leave_out_repeats(found, image_of)
+    times, clock = order_frames(found, options)
+    images = [image_of[frame.entry] for frame in found.frames]
+    poses, scale = poses_of_matrices(found, found.frames)
+    world = find_world(found, poses, scale)
     walk = Walk(
         id=options.id or id_of(path.resolve().parent.name),
         split=options.split_or("train"),
         info=RecordingInfo(
-            tracker="transforms.json",
+            tracker=world.tracker or "transforms.json",
             source="nerfstudio transforms.json",
-            clock="frame-rate",
-            is_metric=not any("colmap_im_id" in entry for entry in entries.values()),
+            clock="frame-rate" if clock is None else "device",
+            is_metric=world.is_metric or options.metric,
         ),
         source=path,
-        timestamp_s=np.arange(len(poses)) / rate_hz,
+        timestamp_s=times,
         image_names=flat_names([image.as_posix() for image in images]),
         images=images,
-        vio_from_cam=vio_from_cam,
-        tracking=tracking_of(vio_from_cam),
-        intrinsics=read_cameras(path, content, [entries[name] for name in poses.names]),
+        vio_from_cam=world.poses,
+        tracking=tracking_of(world.poses),
+        up=world.up,
     )
-    walk.note(f"world: {world}")
-    walk.warn(f"no timestamps: counted at {rate_hz:g} frames per second in the order of the names")
-    if not walk.info.is_metric:
-        walk.warn("scale: the poses are COLMAP's, not metric: marked so")
-    if any(content.get(key) for key in _DISTORTION):
-        walk.warn("intrinsics: lens distortion is left out, recordings hold pinhole cameras")
+    turn_upright(walk)
+    walk.intrinsics = read_cameras(found, images, walk)
+    say_paths(walk, paths)
+    say_problems(walk, found)
+    if clock is None:
+        text = f"no timestamps: counted at {1 / _step_s(times):g} frames per second in the order "
+        (walk.warn if options.rate_hz is None else walk.note)(f"{text}of the names")
+    else:
+        walk.note(f"time: from the file, in {clock}")
+    say_scale(walk, world, options)
     return walk
 
 
-def find_image(folder: Path, name: str) -> Path:
-    """An image by its path in the file, which some tools write without the ending."""
-    path = folder / name
-    if path.suffix.lower() in IMAGE_SUFFIXES:
-        return path
-    for suffix in IMAGE_SUFFIXES:
-        if (found := path.with_name(path.name + suffix)).exists():
-            return found
-    return path.with_name(path.name + ".png")  # as instant-ngp takes it
+def leave_out_repeats(found: Transforms, image_of: dict[int, Path]) -> None:
+    """Leave out frames whose image is an earlier frame's; problems are added."""
+    seen: dict[Path, int] = {}
+    kept: list[TransformsFrame] = []
+    for frame in found.frames:
+        first = seen.setdefault(image_of[frame.entry], frame.entry)
+        if first == frame.entry:
+            kept.append(frame)
+            continue
+        problem = f"the image {frame.file_path} is entry {first}'s already: left out"
+        found.problems.append(FormatError(found.path, problem, frame.entry))
+    found.frames = kept
 
 
-def read_cameras(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> Intrinsics:
-    """Of every frame, else of the file, else not known."""
-    rows = []
-    for entry, frame in enumerate(frames, start=1):
-        given = {key: frame.get(key, content.get(key)) for key in _KEYS}
-        known = {key: value for key, value in given.items() if value is not None}
-        numbers = as_numbers(path, list(known.values()), (len(known),), "intrinsics", entry)
-        camera = dict(zip(known, numbers.tolist(), strict=True))
-        if "fl_x" not in camera and {"w", "camera_angle_x"} <= camera.keys():
-            camera["fl_x"] = camera["w"] / (2 * np.tan(camera["camera_angle_x"] / 2))
-        camera.setdefault("fl_y", camera.get("fl_x", np.nan))
-        rows.append([camera.get(key, np.nan) for key in _KEYS[:6]])
-    table = np.array(rows)
-    # A camera that is known in part cannot be used.
-    table[np.isnan(table[:, 2:]).any(axis=1), 2:] = np.nan
-    table[np.isnan(table[:, :2]).any(axis=1), :2] = np.nan
+def order_frames(
+    found: Transforms, options: ImportOptions
+) -> tuple[NDArray[np.float64], str | None]:
+    """Bring the frames in order, by their timestamps or else by names; problems are added.
+
+    Returns:
+        Times, shape (n,), s, and the unit in the file, or None where they are counted.
+    """
+    timed = read_times(found) if options.rate_hz is None else None
+    if timed is None:
+        found.frames.sort(key=lambda frame: natural_key(frame.file_path.replace("\\", "/")))
+        return np.arange(len(found.frames)) / (options.rate_hz or _DEFAULT_RATE_HZ), None
+    times, unit = timed
+    rows: list[int] = []
+    latest_s = -np.inf
+    for row in np.argsort(times, kind="stable").tolist():
+        frame = found.frames[row]
+        if times[row] > latest_s:
+            rows.append(row)
+            latest_s = float(times[row])
+            continue
+        is_known = bool(np.isfinite(times[row]))
+        problem = "a timestamp that came before" if is_known else "no timestamp"
+        text = f"the frame {frame.file_path} has {problem}: left out"
+        found.problems.append(FormatError(found.path, text, frame.entry))
+    found.frames = [found.frames[row] for row in rows]
+    return times[rows], unit
+
+
+def _step_s(times: NDArray[np.float64]) -> float:
+    return float(times[1] - times[0]) if len(times) > 1 else 1.0
+
+
+def turn_upright(walk: Walk) -> None:
+    """Turn the poses into a y-up world where the file's is z up; says so."""
+    known = np.flatnonzero(walk.vio_from_cam.is_known)
+    if walk.up == "definition" or not len(known):
+        return
+    poses = walk.vio_from_cam.at(known)
+    track = Trajectory.from_arrays(walk.timestamp_s[known], poses.translation_m, poses.quat_xyzw)
+    text, turned = turn_y_up(track)
+    walk.vio_from_cam = Rigid3.unknown((len(walk),))
+    walk.vio_from_cam.translation_m[known] = turned.translation_m
+    walk.vio_from_cam.quat_xyzw[known] = turned.quat_xyzw
+    walk.note(f"world: {text}")
+
+
+def read_cameras(found: Transforms, images: list[Path], walk: Walk) -> Intrinsics:
+    """Of every frame, else of the file, else not known; findings are added.
+
+    A focal length that is given as an angle needs the images' size, which is that of the first
+    image where the file does not say. A principal point that is missing stays so: it is the
+    middle of the image, once that is measured.
+    """
+    model = str(found.members.get("camera_model", "")).upper()
+    if model not in _PINHOLE:
+        walk.warn(
+            f"intrinsics: the camera is {model}, and recordings hold pinhole cameras: left out; "
+            "undistort the images and import those"
+        )
+        return Intrinsics()
+    if found.is_distorted:
+        walk.warn("intrinsics: lens distortion is left out, recordings hold pinhole cameras")
+    size: dict[str, float] = {}
+    table = np.full((len(images), 6), np.nan)
+    angles = 0
+    for row, frame in enumerate(found.frames):
+        camera = found.camera(frame)
+        if "w" not in camera or "h" not in camera:
+            camera = {key: value for key, value in camera.items() if key not in ("w", "h")}
+            if "fl_x" not in camera and "camera_angle_x" in camera:
+                size = size or measure_first(images)
+                camera |= size
+        for focal, side, angle in (
+            ("fl_x", "w", "camera_angle_x"),
+            ("fl_y", "h", "camera_angle_y"),
+        ):
+            if focal not in camera and {side, angle} <= camera.keys():
+                camera[focal] = camera[side] / (2 * np.tan(camera[angle] / 2))
+                angles += focal == "fl_x"
+        camera.setdefault("fl_x", camera.get("fl_y", np.nan))
+        camera.setdefault("fl_y", camera["fl_x"])
+        table[row] = [camera.get(key, np.nan) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")]
+    if angles:
+        walk.note(f"intrinsics: the focal length of {angles} frames is from camera_angle_x")
     return Intrinsics(*table.T)
+
+
+def measure_first(images: list[Path]) -> dict[str, float]:
+    """Width and height of the first image that is whole; nothing if none is."""
+    for image in images:
+        probe = probe_image(image)
+        if not probe.problem:
+            return {"w": float(probe.width), "h": float(probe.height)}
+    return {}
+
+
+def say_paths(walk: Walk, paths: ImagePaths) -> None:
+    """Add findings on images that are not where the file says."""
+    if paths.moved:
+        written, found = next(iter(paths.moved.items()))
+        walk.note(
+            f"paths: {len(paths.moved)} images are not where the file says, and were found by the "
+            f"end of their path: {written} is {found.relative_to(paths.folder).as_posix()}"
+        )
+    if paths.ambiguous:
+        walk.warn(
+            f"paths: of {len(paths.ambiguous)} paths several images could be meant, the first is "
+            f"{paths.ambiguous[0]}"
+        )
+
+
+def say_problems(walk: Walk, found: Transforms) -> None:
+    """Add a finding on the frames of which something is wrong."""
+    if found.problems:
+        named = "; ".join(str(problem) for problem in found.problems[:MAX_NAMED])
+        more = "; ..." if len(found.problems) > MAX_NAMED else ""
+        walk.warn(f"{len(found.problems)} frames are not whole: {named}{more}")
+
+
+def say_scale(walk: Walk, world: World, options: ImportOptions) -> None:
+    """Add findings on the scale and the world, and why they are taken to be so."""
+    for note in world.notes:
+        walk.note(note)
+    if world.is_metric:
+        walk.note(f"scale: metres, {world.why}")
+    elif options.metric:
+        walk.note(f"scale: metres, as you say ({world.why})")
+    else:
+        walk.warn(f"scale: {world.why}: marked as not metric; if they are in metres, give `metric`")
 
 
 IMPORTER = Importer(
     name="nerfstudio",
-    title="nerfstudio, instant-ngp or Polycam transforms.json",
+    title="transforms.json of nerfstudio, instant-ngp, NeRFCapture or Polycam",
     layout="transforms.json, or the folder that holds it, with its images",
     read=read,
-    uses=frozenset({"rate_hz"}),
+    uses=frozenset({"rate_hz", "metric"}),
 )

@@ -68,6 +68,7 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         vio_from_cam=vio.target_from_source,
         tracking=tracking_of(vio.target_from_source),
         intrinsics=read_intrinsics(metadata, content, len(vio)),
+        up="first-pose",
     )
     if not has_clock:
         walk.warn("no timestamps: counted from the frame rate")

@@ -19,7 +19,7 @@ from vioapr.importers import (
 )
 from vioapr.importers.base import Finding, Importer, ImportOptions, Place
 from vioapr.importers.diagnostics import diagnose
-from vioapr.importers.write import open_or_create, write_recording
+from vioapr.importers.write import WriteSettings, open_or_create, write_recording
 from vioapr.work.progress import Progress
 
 IMPORTERS: dict[str, Importer] = {
@@ -95,11 +95,12 @@ def import_source(
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.
     """
-    for name in ("tracker", "poses", "gt", "rate_hz"):
-        if getattr(options, name) is not None and name not in importer.uses:
+    for name in ("tracker", "poses", "gt", "rate_hz", "metric"):
+        if getattr(options, name) not in (None, False) and name not in importer.uses:
             raise ParameterError(f"`{name}` has no meaning for {importer.name}")
     if not source.exists():
         raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
+    settings = WriteSettings(link, options.focal_px, options.strict)
     scenes = importer.read(source, options)
     for imported in scenes:
         scene = None
@@ -109,7 +110,7 @@ def import_source(
                 scene = open_or_create(folder, imported, place)
             diagnose(walk)
             with progress(f"importing {walk.id}", len(walk)) as tick:
-                scene = write_recording(scene, walk, link=link, tick=tick)
+                scene = write_recording(scene, walk, settings, tick=tick)
             yield Imported(
                 folder=scene.recording_folder(walk.id),
                 split=None if walk.info.is_diverging else walk.split,

@@ -71,6 +71,7 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         vio_from_cam=vio.target_from_source,
         tracking=tracking_of(vio.target_from_source),
         intrinsics=intrinsics,
+        up="definition",
     )
     if problem:
         walk.warn(problem)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,31 @@ from vioapr.errors import AlreadyExistsError, FormatError, ParameterError, Unwri
 from vioapr.files.atomic import leftovers_beside, partial_beside
 from vioapr.files.images import probe_bytes, probe_image
 from vioapr.importers.base import Image, ImportedScene, Place, Walk
-from vioapr.importers.diagnostics import diagnose_images, drop_impossible_intrinsics
-from vioapr.scene.frames import Frames, Intrinsics
+from vioapr.importers.diagnostics import diagnose_images
+from vioapr.importers.fitting import CameraFitter, drop_impossible_intrinsics
+from vioapr.scene.frames import Frames
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.work.progress import Advance, ignore
 
 _BLOCK_FRAMES = 256
+_NO_FILE = "no file of this name"
 _DIVERGING = "the tracker is diverging"
+
+
+@dataclass(frozen=True)
+class WriteSettings:
+    """How walks are written.
+
+    Attributes:
+        link: Hard-link images rather than copy them, where possible.
+        focal_px: Focal length, pixels of the images as they are, in place of the source's.
+        strict: Refuse walks of which there is something to warn.
+    """
+
+    link: bool = False
+    focal_px: float | None = None
+    strict: bool = False
 
 
 def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -> Scene:
@@ -45,7 +63,7 @@ def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -
 
 
 def write_recording(
-    scene: Scene, walk: Walk, *, link: bool = False, tick: Advance = ignore
+    scene: Scene, walk: Walk, settings: WriteSettings | None = None, *, tick: Advance = ignore
 ) -> Scene:
     """Write a walk as a recording and enter it into the scene.
 
@@ -55,7 +73,7 @@ def write_recording(
     Args:
         scene: Where to.
         walk: What; findings about its images are added to it.
-        link: Hard-link images rather than copy them, where possible.
+        settings: How it is written.
         tick: Called with the number of frames after every block of them.
 
     Returns:
@@ -63,9 +81,11 @@ def write_recording(
 
     Raises:
         AlreadyExistsError: The recording exists.
-        FormatError: No image can be used.
+        FormatError: No image can be used, or there is something to warn of under `strict`.
         UnwritableError: Something cannot be written.
     """
+    settings = settings or WriteSettings()
+    refuse_warnings(walk, settings)
     folder, gt_path = scene.recording_folder(walk.id), scene.gt_path(walk.id)
     for path, what in ((folder, "a recording"), (gt_path, "ground truth")):
         if path.exists():
@@ -75,7 +95,7 @@ def write_recording(
         shutil.rmtree(leftover, ignore_errors=True)
     partial = partial_beside(folder)
     try:
-        _write_files(partial, walk, link, tick)
+        _write_files(partial, walk, settings, tick)
         if walk.gt is not None:
             scene.write_gt(walk.id, walk.gt)
         partial.rename(folder)
@@ -94,14 +114,13 @@ def write_recording(
     return scene
 
 
-def _write_files(folder: Path, walk: Walk, link: bool, tick: Advance) -> None:
+def _write_files(folder: Path, walk: Walk, settings: WriteSettings, tick: Advance) -> None:
     """Write a recording's folder in one pass over the images, a block of frames at a time."""
     broken: list[str] = []
-    sizes: set[tuple[int, int]] = set()
     images = iter(walk.images)
     drop_impossible_intrinsics(walk)
-    columns = [np.broadcast_to(column, len(walk)) for column in walk.intrinsics]
-    with RecordingWriter(folder, walk.info, link_images=link) as writer:
+    fitter = CameraFitter(settings.focal_px)
+    with RecordingWriter(folder, walk.info, link_images=settings.link) as writer:
         for start in range(0, len(walk), _BLOCK_FRAMES):
             rows = np.arange(start, min(start + _BLOCK_FRAMES, len(walk)))
             names: list[str] = []
@@ -109,38 +128,54 @@ def _write_files(folder: Path, walk: Walk, link: bool, tick: Advance) -> None:
             for column, row in enumerate(rows.tolist()):
                 # A source may end early, as a video that was cut off.
                 name, given = str(walk.image_names[row]), next(images, None)
-                image, size, problem = look_at_image(given if name else None, read=not link)
+                image, size, problem = look_at_image(
+                    given if name else None, read=not settings.link
+                )
                 if name and image is None and not problem:
                     problem = "missing"
                 if problem:
-                    broken.append(f"{name}: {problem}")
+                    is_gone = problem == _NO_FILE and isinstance(given, Path | str)
+                    broken.append(f"{given if is_gone else name}: {problem}")
                     name = ""
                 elif image is not None:
                     writer.write_image(name, image)
                 if size is not None:
-                    sizes.add(size)
                     measured[:, column] = size
                 names.append(name)
-            # Where the source does not say how large images are, they do.
-            width, height, *pinhole = (column[rows] for column in columns)
-            is_unsaid = np.isnan(width)
-            width, height = np.where(is_unsaid, measured, [width, height])
-            intrinsics = Intrinsics(width, height, *pinhole)
+            intrinsics = fitter.fit(walk.intrinsics.at(rows), measured)
             times, states = walk.timestamp_s[rows], walk.tracking[rows]
             poses = walk.vio_from_cam.at(rows)
             writer.add_frames(Frames(times, tuple(names), states, poses, intrinsics, rows))
             tick(len(rows))
-        for table, add in (
-            (walk.imu, writer.add_imu), (walk.gnss, writer.add_gnss),
-            (walk.heading, writer.add_heading),
-        ):  # fmt: skip
-            if table is not None:
-                for values in zip(*vars(table).values(), strict=True):
-                    add(*values)
-        diagnose_images(walk, broken, sizes)
+        _write_sensors(writer, walk)
+        diagnose_images(walk, broken)
+        fitter.say(walk)
+        refuse_warnings(walk, settings)
         marks = ("WARNING " if finding.is_warning else "" for finding in walk.findings)
         notes = tuple(m + finding.text for m, finding in zip(marks, walk.findings, strict=True))
         writer.set_info(replace(walk.info, notes=notes))
+
+
+def _write_sensors(writer: RecordingWriter, walk: Walk) -> None:
+    for table, add in (
+        (walk.imu, writer.add_imu), (walk.gnss, writer.add_gnss),
+        (walk.heading, writer.add_heading),
+    ):  # fmt: skip
+        if table is not None:
+            for values in zip(*vars(table).values(), strict=True):
+                add(*values)
+
+
+def refuse_warnings(walk: Walk, settings: WriteSettings) -> None:
+    """See that there is nothing to warn of, where that is asked for.
+
+    Raises:
+        FormatError: There is, under `strict`.
+    """
+    warnings = [finding.text for finding in walk.findings if finding.is_warning]
+    if settings.strict and warnings:
+        more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
+        raise FormatError(walk.source, f"refused, as `strict` says: {warnings[0]}{more}")
 
 
 def look_at_image(image: Image, *, read: bool) -> tuple[Image, tuple[int, int] | None, str | None]:
@@ -165,7 +200,7 @@ def look_at_image(image: Image, *, read: bool) -> tuple[Image, tuple[int, int] |
             try:
                 image = Path(image).read_bytes()
             except FileNotFoundError:
-                return None, None, "no file of this name"
+                return None, None, _NO_FILE
             except OSError as error:
                 return None, None, f"cannot be read: {error.strerror}"
         probe = probe_bytes(image)

@@ -109,7 +109,9 @@ def check_scene(
     for split in SPLITS:
         if not scene.splits.get(split):
             # Poses alone are neither mapped nor learned from, and need no split for training.
-            is_error = report.images > 0 or not any(scene.splits.values())
+            # One recording, the first of a place, can only be in one split.
+            is_error = report.images > 0 and report.recordings > 1
+            is_error |= not any(scene.splits.values())
             text = f"the split {split} is empty: list recordings in splits.{split}"
             report.problems.append(Problem(scene.folder / SCENE_FILE, None, text, is_error))
     for path in sorted((scene.folder / RECORDINGS_FOLDER).glob(f".*{PARTIAL_SUFFIX}")):
