@@ -15,6 +15,7 @@ from vioapr.files.atomic import (
     partial_beside,
     replace_folder,
     replacing,
+    restore_folder,
     write_atomically,
 )
 
@@ -110,6 +111,93 @@ def test_a_pipe_is_written_directly():
     assert ran.stdout == b"content"
 
 
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
+def test_a_file_that_the_output_is_appended_to_keeps_its_content(tmp_path, name):
+    """As the shell's `>>` does: the path leads to a regular file then."""
+    code = "import sys; from pathlib import Path; from vioapr.files.atomic import write_atomically"
+    code += f"; print('printed'); write_atomically(Path({name!r}), b'content')"
+    with (tmp_path / "log").open("ab") as log:
+        log.write(b"earlier ")
+        log.flush()
+        subprocess.run([sys.executable, "-c", code], stdout=log, check=True)
+    assert (tmp_path / "log").read_text() == "earlier printed\ncontent"
+    assert names(tmp_path) == ["log"]
+
+
+def test_permissions_of_a_file_that_is_replaced_stay(tmp_path):
+    path = tmp_path / "file"
+    path.write_text("old")
+    path.chmod(0o640)
+    write_atomically(path, b"new")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+
+
+def test_permissions_are_the_umasks_although_a_library_has_its_own(tmp_path):
+    """As one that makes the file again, for its owner alone."""
+    before = os.umask(0o022)
+    try:
+        with replacing(tmp_path / "model") as partial:
+            partial.unlink()
+            os.close(os.open(partial, os.O_WRONLY | os.O_CREAT, 0o600))
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "model").stat().st_mode) == 0o644
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="names of open files needed")
+def test_content_and_name_reach_the_disk_in_this_order(tmp_path, monkeypatch):
+    calls = []
+    fsync, replace = os.fsync, Path.replace
+
+    def note_fsync(file):
+        calls.append(Path(f"/proc/self/fd/{file}").readlink().name)
+        fsync(file)
+
+    def note_replace(self, target):
+        calls.append("replace")
+        return replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", note_fsync)
+    monkeypatch.setattr(Path, "replace", note_replace)
+    write_atomically(tmp_path / "file", b"content")
+    assert calls[0].endswith(".partial")
+    assert calls[1:] == ["replace", tmp_path.name]
+
+
+@pytest.mark.parametrize("function", ["fsync", "replace"])
+def test_a_disk_that_fills_up_late_spares_the_old_file(tmp_path, monkeypatch, function):
+    def fail(*args):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = tmp_path / "file"
+    path.write_text("old")
+    monkeypatch.setattr(*((os, "fsync") if function == "fsync" else (Path, "replace")), fail)
+    with pytest.raises(DiskFullError):
+        write_atomically(path, b"new")
+    assert path.read_text() == "old"
+    assert names(tmp_path) == ["file"]
+
+
+def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path):
+    code = "import os; from pathlib import Path; from vioapr.files.atomic import replacing\n"
+    code += "with replacing(Path('file')) as partial:\n  os.kill(os.getpid(), 9)"
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)
+    (left,) = tmp_path.iterdir()
+    assert leftovers_beside(tmp_path / "file") == [left]
+    write_atomically(tmp_path / "another", b"")
+    assert left.exists()
+    write_atomically(tmp_path / "file", b"content")
+    assert names(tmp_path) == ["another", "file"]
+
+
+def test_what_is_being_written_is_no_leftover(tmp_path):
+    path = tmp_path / "file"
+    with replacing(path) as partial:
+        write_atomically(path, b"other")
+        partial.write_bytes(b"content")
+    assert path.read_bytes() == b"content"
+
+
 def test_a_folder_in_the_way_is_said(tmp_path):
     (tmp_path / "taken").mkdir()
     with pytest.raises(UnwritableError, match="taken: cannot be written: Is a directory"):
@@ -131,6 +219,16 @@ def test_a_folder_that_cannot_be_moved_in_leaves_the_old_one(tmp_path):
     with pytest.raises(UnwritableError, match="map: cannot be written"):
         replace_folder(tmp_path / "map", tmp_path / "missing")
     assert (tmp_path / "map" / "file").read_text() == "old"
+    assert names(tmp_path) == ["map"]
+
+
+def test_a_crash_between_the_two_renames_is_mended(tmp_path):
+    (tmp_path / ".map.old").mkdir()
+    (tmp_path / ".map.old" / "file").write_text("old")
+    restore_folder(tmp_path / "map")
+    assert (tmp_path / "map" / "file").read_text() == "old"
+    (tmp_path / ".map.old").mkdir()  # and after the second
+    restore_folder(tmp_path / "map")
     assert names(tmp_path) == ["map"]
 
 

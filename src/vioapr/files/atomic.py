@@ -8,16 +8,28 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import secrets
 import shutil
+import stat
+import sys
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from vioapr.errors import UnwritableError
 
+try:
+    import fcntl
+except ImportError:  # Windows: leftovers are not told from files that are being written
+    fcntl = None
+
 PARTIAL_SUFFIX = ".partial"
 """Of the names of temporary files and folders; they begin with a dot."""
+
+_OWN_FILE = re.compile(r"/dev/(stdin|stdout|stderr)|/(?:dev|proc/self)/fd/(\d+)")
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -35,8 +47,12 @@ def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary path to write a file to, which then replaces `path` in one step.
 
     For libraries that write to a path. If the block raises, nothing is replaced, and the
-    temporary file is removed. Through a link, the file that it leads to is replaced; what is no
-    regular file (`/dev/stdout`) is written directly.
+    temporary file is removed. Through a link, the file that it leads to is replaced. A file of
+    the process's own (`/dev/stdout`) gets the content at its end, whatever it leads to; a pipe
+    or a device is written directly.
+
+    A file that is replaced keeps its permissions; a new one has those that the umask says. The
+    temporary files of processes that died while they wrote this very file are removed.
 
     Args:
         path: The file; folders are made as needed.
@@ -47,47 +63,122 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         UnwritableError: It cannot be written; what was there stays.
     """
-    partial: Path | None = None
     try:
-        # Asked of the path itself: what /dev/stdout leads to has no path where it is a pipe.
-        if path.exists() and not path.is_file():
+        if (number := own_descriptor(path)) is not None:
+            yield from _copied_to(number)
+        # Asked of the path itself: what leads to a pipe has no other path.
+        elif path.exists() and not path.is_file():
             yield path
-            return
-        target = Path(os.path.realpath(path))
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial = partial_beside(target)
-        # Readable as the umask says, and never somebody else's.
-        os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
-        yield partial
-        sync(partial)
-        partial.replace(target)
+        else:
+            yield from _moved_to(Path(os.path.realpath(path)))
     except OSError as error:
         raise UnwritableError.of(path, error) from None
+
+
+def own_descriptor(path: Path) -> int | None:
+    """The number of the process's own open file that a path means, as `/dev/stdout`, or None."""
+    if found := _OWN_FILE.fullmatch(os.fspath(path)):
+        return {"stdin": 0, "stdout": 1, "stderr": 2}.get(found[1]) or int(found[2] or 0)
+    return None
+
+
+def _copied_to(number: int) -> Iterator[Path]:
+    """Yield a temporary file, and write its content to an open file of the process."""
+    with tempfile.TemporaryDirectory() as folder:
+        partial = Path(folder) / "content"
+        partial.touch()
+        yield partial
+        sys.stdout.flush()  # what was printed before comes before it
+        # Opening /dev/stdout would empty a file that the output is appended to.
+        with os.fdopen(os.dup(number), "wb") as target, partial.open("rb") as content:
+            shutil.copyfileobj(content, target)
+
+
+def _moved_to(target: Path) -> Iterator[Path]:
+    """Yield a temporary file beside a file; put it in its place once it has reached the disk."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    _remove_leftovers(target)
+    partial, held = _create_beside(target)
+    try:
+        mode = target.stat().st_mode if target.exists() else os.fstat(held).st_mode
+        yield partial
+        # Libraries may have made the file again, with permissions of their own.
+        partial.chmod(stat.S_IMODE(mode))
+        sync(partial)
+        partial.replace(target)
+        sync(target.parent)
     finally:
-        if partial is not None:
-            partial.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
+        os.close(held)
+
+
+def _create_beside(target: Path) -> tuple[Path, int]:
+    """Make a temporary file, readable as the umask says, that is locked while it is open."""
+    while True:
+        partial = partial_beside(target)
+        held = os.open(partial, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        if fcntl is None:
+            return partial, held
+        with suppress(OSError):  # file systems without locks
+            fcntl.flock(held, fcntl.LOCK_EX)
+        if partial.exists():  # else it was taken for a leftover before it was locked
+            return partial, held
+        os.close(held)
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove what processes that died left beside a file; living ones hold a lock on theirs."""
+    for leftover in leftovers_beside(target):
+        if fcntl is None or leftover.is_dir():
+            continue
+        with suppress(OSError), leftover.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            leftover.unlink()
 
 
 def replace_folder(folder: Path, partial: Path) -> None:
     """Put a finished folder in the place of another one, if there is one.
 
-    Two renames are needed: a crash between them leaves the old folder whole, named
-    `.<name>.old`.
+    All that is in it reaches the disk first. Two renames are needed: a crash between them leaves
+    the old folder whole, named `.<name>.old`; `restore_folder` puts it back.
 
     Raises:
         UnwritableError: It cannot be written; what was there stays.
     """
-    old = folder.with_name(f".{folder.name}.old")
+    old = _old_of(folder)
     try:
-        shutil.rmtree(old, ignore_errors=True)
+        sync_folder(partial)
+        restore_folder(folder)
         if folder.exists():
             folder.replace(old)
         partial.replace(folder)
+        sync(folder.parent)
     except OSError as error:
         if old.exists() and not folder.exists():
             old.replace(folder)
         raise UnwritableError.of(folder, error) from None
     shutil.rmtree(old, ignore_errors=True)
+
+
+def restore_folder(folder: Path) -> None:
+    """Bring a folder back that a crash of `replace_folder` left under another name.
+
+    Where the new folder had taken its place already, the old one is removed.
+
+    Raises:
+        UnwritableError: It cannot be moved.
+    """
+    old = _old_of(folder)
+    try:
+        if old.exists() and not folder.exists():
+            old.replace(folder)
+    except OSError as error:
+        raise UnwritableError.of(folder, error) from None
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _old_of(folder: Path) -> Path:
+    return folder.with_name(f".{folder.name}.old")
 
 
 def partial_beside(path: Path) -> Path:
@@ -102,9 +193,20 @@ def leftovers_beside(path: Path) -> list[Path]:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file's content has reached the disk."""
+    """Wait until a file's content, or the names in a folder, have reached the disk."""
+    if os.name == "nt" and path.is_dir():  # folders cannot be opened there
+        return
     file = os.open(path, os.O_RDONLY)
     try:
         os.fsync(file)
     finally:
         os.close(file)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until all files in a folder, and in folders of it, have reached the disk."""
+    everything = [folder, *folder.rglob("*")]
+    # Several at once: the system writes them together.
+    with ThreadPoolExecutor(8) as pool:
+        for _ in pool.map(sync, (path for path in everything if not path.is_symlink())):
+            pass
