@@ -16,6 +16,7 @@ says what went wrong, so that a server can choose a status code:
     │   └── VersionError          it is of a version that this program does not know
     ├── ParameterError        a value that a parameter cannot have
     ├── AssociationError      trajectories that cannot be paired
+    ├── SuspectTrackError     poses that look wrong, where warnings are errors
     ├── ContractError         not what an exported file's contract says
     ├── MappingError          a place that cannot be mapped
     ├── TrainingError         a network that cannot be trained
@@ -119,6 +120,10 @@ class ParameterError(VioAprError):
 
 class AssociationError(VioAprError):
     """Two trajectories cannot be paired: no common times or names."""
+
+
+class SuspectTrackError(VioAprError):
+    """Poses look wrong, and warnings are to be errors."""
 
 
 class ContractError(VioAprError):

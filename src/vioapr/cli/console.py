@@ -22,8 +22,11 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from vioapr.errors import SuspectTrackError
+
 if TYPE_CHECKING:
     from vioapr.formats.notes import ReadingNote
+    from vioapr.formats.track_warnings import TrackWarning
 
 # Tables must not be cut where the output goes to a file or a pipe.
 _WIDTH = None if sys.stdout.isatty() else max(160, shutil.get_terminal_size().columns)
@@ -43,6 +46,31 @@ def say(text: str, style: str = "") -> None:
         style: Of rich, e.g. "bold" or "yellow".
     """
     console.print(Text(text, style=style), soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """Print a warning as one line on standard error, so that results can be piped.
+
+    Args:
+        text: Of the library; names of parameters in backticks become flags.
+    """
+    error_console.print(Text(f"WARNING {with_flags(text)}", style="yellow"), soft_wrap=True)
+
+
+def warn_of_tracks(warnings: Sequence[TrackWarning], *, strict: bool = False) -> None:
+    """Print what looks wrong with tracks.
+
+    Args:
+        warnings: Of `check_track` and `check_pair`.
+        strict: Whether the first one is an error.
+
+    Raises:
+        SuspectTrackError: There is one, and `strict`.
+    """
+    for warning in warnings:
+        if strict:
+            raise SuspectTrackError(str(warning))
+        warn(str(warning))
 
 
 def say_notes(path: Path, notes: Sequence[ReadingNote]) -> None:

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import say, say_notes
+from vioapr.cli.console import say, say_notes, warn
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.conversion import convert_file
+from vioapr.formats.corrections import Corrections
 
 
 def convert(
@@ -20,6 +21,9 @@ def convert(
     rate_hz: float | None = None,
     sequence: str | None = None,
     time_unit: TimeUnit | None = None,
+    reading: str | None = None,
+    scale: float = 1.0,
+    shift_s: float = 0.0,
     strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
@@ -33,15 +37,33 @@ def convert(
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.
         sequence: Folder part of the image names to keep, where IN holds several sequences.
         time_unit: Unit of IN's times; by default found from their values.
-        strict: Refuse a file with rows that give no pose, rather than leave them out.
+        reading: What IN really holds, where its poses are in another convention than its format
+            has: opengl, inverted, inverted-rotations, wxyz or xyzw (the order in which
+            quaternions were written and read as the other), left-handed-x (or -y, -z), mirror-x
+            (or -y, -z; positions alone), positions-y-up, positions-z-up, or one of the first
+            five with -opengl. `vioapr inspect IN --against` another track says which fits.
+        scale: Factor of all positions: 0.01 for centimetres.
+        shift_s: To add to all timestamps, s.
+        strict: Refuse a file with rows that give no pose, or with poses that look wrong, rather
+            than warn.
         overwrite: Write over an existing OUT.
 
     Raises:
         VioAprError: IN cannot be read or OUT cannot be written.
     """
     options = ReadOptions(rate_hz, sequence, time_unit, strict)
-    done = convert_file(source, target, source_format, target_format, options, overwrite=overwrite)
+    done = convert_file(
+        source,
+        target,
+        source_format,
+        target_format,
+        options,
+        corrections=Corrections(reading, scale, shift_s),
+        overwrite=overwrite,
+    )
     say_notes(source, done.notes)
+    for warning in done.warnings:
+        warn(f"{target}: {warning}")
     lost = f"; lost: {' and '.join(done.lost)}" if done.lost else ""
     say(
         f"{source} ({done.source_format}) -> {target} ({done.target_format}): "

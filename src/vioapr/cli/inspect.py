@@ -97,6 +97,17 @@ def print_inspection(inspection: Inspection) -> None:
     for rank, fit in enumerate(inspection.fits[:_MAX_FITS]):
         errors = f"rotations {fit.rotation_deg:.2f} deg, directions {fit.direction_deg:.1f} deg"
         rows.append(("" if rank else "fit", f"{fit.title}: {errors}"))
+    if (device := inspection.device) is not None:
+        axis = ", ".join(f"{each:.3f}" for each in device.axis)
+        rows.append(
+            ("device", f"body_from_cam {device.angle_deg:.1f} deg about ({axis}), "
+             f"± {device.rotation_sigma_deg:.1f} deg")
+        )  # fmt: skip
+        if device.lever_arm_m is None:
+            rows.append(("", "lever arm not observable: the motion does not tell it"))
+        else:
+            arm = zip(device.lever_arm_m, device.lever_arm_sigma_m, strict=True)
+            rows.append(("", f"lever arm {', '.join(f'{a:.3f} ± {s:.3f}' for a, s in arm)} m"))
     for rank, note in enumerate(inspection.notes):
         rows.append(("" if rank else "note", with_flags(note)))
     table = Table(show_header=False, box=None, pad_edge=False)

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.formats.readings import AS_READ, INVERTED_ROTATION, QUATERNION_ORDERS
+from vioapr.formats.readings import (
+    AS_READ,
+    INVERTED_ROTATION,
+    MIRRORED_POSITIONS,
+    OPENGL,
+    QUATERNION_ORDERS,
+    Reading,
+)
+from vioapr.formats.track_warnings import TrackWarning
 from vioapr.geometry import quaternion
 from vioapr.geometry.vectors import step_lengths_m
 from vioapr.trajectory import Trajectory
@@ -23,15 +31,19 @@ _BACKWARDS = -0.75
 _LEAST_STEPS = 20
 _LEAST_MOTION_M = 0.1
 
-_ROTATION_READINGS = (AS_READ, INVERTED_ROTATION, *QUATERNION_ORDERS)
+_ABOUT_AS_STEADY = 0.1
+
+_STEADY_READINGS = (AS_READ, INVERTED_ROTATION, *QUATERNION_ORDERS, *MIRRORED_POSITIONS)
 
 
-def find_anomalies(trajectory: Trajectory) -> list[str]:
+def find_anomalies(trajectory: Trajectory, *, with_guesses: bool = True) -> list[str]:
     """Find what a clean track of a hand-held camera does not have.
 
     Args:
         trajectory: One track, of whatever frames; camera axes are looked at where its source
             is "cam".
+        with_guesses: Whether to guess which of several things are wrong with its rotations;
+            another track of the same walk tells.
 
     Returns:
         Warnings, one line each; possibly none.
@@ -56,10 +68,33 @@ def find_anomalies(trajectory: Trajectory) -> list[str]:
                 f"gaps: {is_gap.sum()} in time, the longest of {steps_s[row]:.3f} s after "
                 f"{trajectory.timestamp_s[row]:.6f} s (median step {np.median(steps_s):.3f} s)"
             )
-        found += find_speed_anomalies(trajectory)
-    if trajectory.source == "cam" and len(trajectory) >= _LEAST_STEPS:
-        found += find_rotation_anomalies(trajectory)
+        found += [*_text(check_speed(trajectory)), *find_jumps(trajectory)]
+    if trajectory.source == "cam":
+        motion = check_motion(trajectory)
+        found += _text(
+            None if motion and motion.kind == "rotations" and not with_guesses else motion
+        )
     return found
+
+
+def check_track(trajectory: Trajectory, *, is_smooth: bool = True) -> list[TrackWarning]:
+    """Find a wrong convention or unit of a single track, where its motion tells for sure.
+
+    Args:
+        trajectory: Of a hand-held camera.
+        is_smooth: Whether it is a tracker's or ground truth: a regressor's predictions jump, so
+            that their speed tells nothing.
+    """
+    found: list[TrackWarning | None] = []
+    if is_smooth and trajectory.is_timed and len(trajectory) > 1:
+        found.append(check_speed(trajectory))
+    if trajectory.source == "cam":
+        found.append(check_motion(trajectory))
+    return [warning for warning in found if warning is not None]
+
+
+def _text(warning: TrackWarning | None) -> list[str]:
+    return [str(warning)] if warning else []
 
 
 def step_speeds(trajectory: Trajectory) -> NDArray[np.float64]:
@@ -69,23 +104,32 @@ def step_speeds(trajectory: Trajectory) -> NDArray[np.float64]:
     return np.minimum(speeds, np.finfo(np.float64).max / 4)
 
 
-def find_speed_anomalies(trajectory: Trajectory) -> list[str]:
-    """Find speeds of a timed trajectory that no hand-held camera has: a warning, or none."""
-    speeds, lengths = step_speeds(trajectory), step_lengths_m(trajectory.position_m)
+def check_speed(trajectory: Trajectory) -> TrackWarning | None:
+    """Find speeds of a timed trajectory that no hand-held camera has, all along."""
+    speeds = step_speeds(trajectory)
     duration_s = trajectory.timestamp_s[-1] - trajectory.timestamp_s[0]
-    median = float(np.median(speeds))
+    median, fastest = float(np.median(speeds)), float(np.quantile(speeds, 0.95))
     if median > MAX_SPEED_M_S:
-        return [
+        return TrackWarning(
+            "speed",
             f"scale or clock: the median speed is {median:.3g} m/s, too fast for a hand-held "
-            "camera: are positions in metres and times in seconds?"
-        ]
-    if duration_s > _STILL_DURATION_S and np.quantile(speeds, 0.95) < _STILL_SPEED_M_S:
-        return [
-            f"scale: 95 % of the steps are slower than {np.quantile(speeds, 0.95) * 1000:.3g} "
-            "mm/s: does the camera rest, or are positions not in metres?"
-        ]
+            "camera",
+            "are positions in metres and times in seconds?",
+        )
+    if duration_s > _STILL_DURATION_S and fastest < _STILL_SPEED_M_S:
+        return TrackWarning(
+            "speed",
+            f"scale: 95 % of the steps are slower than {fastest * 1000:.3g} mm/s",
+            "does the camera rest, or are positions not in metres?",
+        )
+    return None
+
+
+def find_jumps(trajectory: Trajectory) -> list[str]:
+    """Find steps of a timed trajectory that are too fast, where most are not."""
+    speeds, lengths = step_speeds(trajectory), step_lengths_m(trajectory.position_m)
     is_jump = (speeds > MAX_SPEED_M_S) & (lengths > _JUMP_DISTANCE_M)
-    if not is_jump.any():
+    if not is_jump.any() or np.median(speeds) > MAX_SPEED_M_S:
         return []
     row = int(np.argmax(np.where(is_jump, lengths, 0)))
     return [
@@ -116,34 +160,47 @@ def motion_directions(position_m: NDArray[np.float64]) -> NDArray[np.float64] | 
     return None
 
 
-def find_rotation_anomalies(trajectory: Trajectory) -> list[str]:
-    """Find rotations and camera axes that do not go with the motion: a warning, or none.
+def check_motion(trajectory: Trajectory) -> TrackWarning | None:
+    """Find rotations, camera axes or positions that do not go with the motion.
 
     People walk where the camera looks, or at a constant angle to it. So seen from the camera,
-    the direction of motion changes little. It wanders if rotations are misread, and points
-    backwards if the camera's axes are.
+    the direction of motion changes little. It wanders if rotations are misread or positions
+    mirrored, and points backwards if the camera's axes are.
+
+    Args:
+        trajectory: Its source is a camera with OpenCV axes.
     """
-    directions = motion_directions(trajectory.position_m)
-    if directions is None:
-        return []
+    if len(trajectory) < _LEAST_STEPS or motion_directions(trajectory.position_m) is None:
+        return None
     # Of each reading, the mean direction seen from the camera: as long as it is steady.
-    means: dict[str, NDArray[np.float64]] = {}
-    for reading in _ROTATION_READINGS:
-        quats = reading.change(trajectory.target_from_source).quat_xyzw[: len(directions)]
+    means: dict[Reading, NDArray[np.float64]] = {}
+    for reading in _STEADY_READINGS:
+        poses = reading.change(trajectory.target_from_source)
+        directions = motion_directions(poses.translation_m)
+        assert directions is not None  # readings change no lengths
+        quats = poses.quat_xyzw[: len(directions)]
         seen = quaternion.rotate(quaternion.inverse(quats), directions)
-        means[reading.title] = np.nanmean(seen, axis=0)
-    as_read = means.pop(AS_READ.title)
+        means[reading] = np.nanmean(seen, axis=0)
+    as_read = means.pop(AS_READ)
     if as_read[2] < _BACKWARDS:
-        return [
-            "camera axes: maybe OpenGL's (looking along -z) read as OpenCV's: the camera moves "
-            f"backwards (mean cosine of motion and view {as_read[2]:.2f})"
-        ]
+        return TrackWarning(
+            "axes",
+            "camera axes: maybe OpenGL's (looking along -z) read as OpenCV's, as the camera moves "
+            f"backwards (mean cosine of motion and view {as_read[2]:.2f})",
+            f"if so, `vioapr convert --reading {OPENGL.name}` turns them",
+        )
     now = float(np.linalg.norm(as_read))
-    steadiness = {title: float(np.linalg.norm(mean)) for title, mean in means.items()}
-    title, best = max(steadiness.items(), key=lambda item: item[1])
+    # Mirrored along another axis, the camera would move backwards as steadily.
+    steadiness = {r: float(np.linalg.norm(m)) for r, m in means.items() if m[2] > _BACKWARDS}
+    best = max(steadiness.values(), default=0.0)
     if now > _UNSTEADY or best < _STEADY:
-        return []
-    return [
-        f"rotations: maybe {title}: the direction of motion would be steady as seen from the "
-        f"camera ({best:.2f} of 1), and is not ({now:.2f})"
-    ]
+        return None
+    likely = [r for r in steadiness if steadiness[r] > best - _ABOUT_AS_STEADY]
+    likely.sort(key=lambda reading: -steadiness[reading])
+    return TrackWarning(
+        "rotations",
+        f"rotations: maybe {', or '.join(reading.title for reading in likely)}, as the direction "
+        f"of motion would be steady as seen from the camera ({best:.2f} of 1), and is not "
+        f"({now:.2f})",
+        "`vioapr inspect --against` another track of the walk tells",
+    )

@@ -5,11 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from vioapr.errors import AlreadyExistsError, ParameterError, UnreadableError
+from vioapr.errors import (
+    AlreadyExistsError,
+    ParameterError,
+    SuspectTrackError,
+    UnreadableError,
+)
 from vioapr.files.text import is_folder
+from vioapr.formats.anomalies import check_track
 from vioapr.formats.base import ReadOptions
+from vioapr.formats.corrections import Corrections
 from vioapr.formats.notes import ReadingNote
 from vioapr.formats.registry import format_of_name, get_format, read_with_notes
+from vioapr.formats.track_warnings import TrackWarning
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,7 @@ class Conversion:
         poses: Number of poses.
         lost: What the target format cannot hold, in words.
         notes: What the reader said of the source.
+        warnings: What looks wrong with the poses as written.
     """
 
     source_format: str
@@ -29,6 +38,7 @@ class Conversion:
     poses: int
     lost: tuple[str, ...]
     notes: tuple[ReadingNote, ...] = ()
+    warnings: tuple[TrackWarning, ...] = ()
 
 
 def convert_file(
@@ -38,6 +48,7 @@ def convert_file(
     target_format: str | None = None,
     options: ReadOptions | None = None,
     *,
+    corrections: Corrections | None = None,
     overwrite: bool = False,
 ) -> Conversion:
     """Read a file and write it in another format.
@@ -48,6 +59,7 @@ def convert_file(
         source_format: Name of the source's format; by default the likeliest.
         target_format: Name of the target's format; by default the one its name means.
         options: Rate, sequence, unit and strictness.
+        corrections: What to change of the poses: another convention, scale or clock.
         overwrite: Write over an existing file.
 
     Raises:
@@ -58,6 +70,7 @@ def convert_file(
         UnwritableError: The target cannot be written.
         ParameterError: No such format, none that the target's name means, the target is the
             source, or its format needs what the trajectory does not have.
+        SuspectTrackError: The poses look wrong, and the options are strict.
     """
     by_name = "target_format"  # the parameter to mention where the name means no format
     writer = get_format(target_format) if target_format else format_of_name(target, by_name)
@@ -71,7 +84,10 @@ def convert_file(
     if exists and not overwrite:
         raise AlreadyExistsError(target, "exists: choose another name, or give `overwrite`")
     reading = read_with_notes(source, source_format, options, parameter="source_format")
-    trajectory = reading.trajectory
+    trajectory = (corrections or Corrections()).apply(reading.trajectory)
+    warnings = tuple(check_track(trajectory))
+    if warnings and options is not None and options.strict:
+        raise SuspectTrackError(f"{source}: {warnings[0]}")
     writer.write(target, trajectory)
     lost: list[str] = []
     if trajectory.is_timed and not writer.has_times:
@@ -80,4 +96,6 @@ def convert_file(
         writer.has_names and all(name.endswith(writer.name_suffix) for name in trajectory.names)
     ):
         lost.append("image names")
-    return Conversion(reading.format.name, writer.name, len(trajectory), tuple(lost), reading.notes)
+    return Conversion(
+        reading.format.name, writer.name, len(trajectory), tuple(lost), reading.notes, warnings
+    )

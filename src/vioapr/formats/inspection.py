@@ -9,19 +9,22 @@ import numpy as np
 
 from vioapr.formats.anomalies import find_anomalies, step_speeds
 from vioapr.formats.base import Format, ReadOptions
+from vioapr.formats.common_motion import find_common_frames
 from vioapr.formats.notes import ReadingNotes
-from vioapr.formats.readings import AS_READ, find_better_reading, fit_readings, up_of
+from vioapr.formats.pair_checks import PairReport, Track, check_pair
+from vioapr.formats.readings import Comparison, up_of
 from vioapr.formats.registry import (
     LEAST_CONFIDENCE,
     get_format,
     rank_formats,
     read_trajectory,
 )
+from vioapr.geometry import quaternion
 from vioapr.geometry.vectors import angle_between_deg, path_length_m
-from vioapr.schemas.inspection import Candidate, Fit, Inspection, Speed, Up
+from vioapr.schemas.inspection import Candidate, DeviceRotation, Inspection, Speed, Up
 from vioapr.trajectory import Trajectory
 
-_NO_FIT_DEG = 15.0
+_LEAST_DEVICE_DEG, _DEVICE_SIGMAS = 2.0, 4.0
 
 
 def inspect_file(
@@ -51,7 +54,7 @@ def inspect_file(
     # The ranking is not made a second time; a file that is of no format raises here.
     best = ranked[0][0].name if ranked else None
     trajectory = read_trajectory(path, best, options)
-    fits = [] if against is None else fit_readings(trajectory, against)
+    report = PairReport(()) if against is None else compare_with(trajectory, against, path)
     times, positions = trajectory.timestamp_s, trajectory.position_m
     is_timed = trajectory.is_timed
     has_steps = is_timed and len(times) > 1
@@ -85,10 +88,11 @@ def inspect_file(
         warnings=(
             *warn_of_format(ranked),
             *notes.warnings,
-            *find_anomalies(trajectory),
-            *warn_of_convention(fits),
+            *find_anomalies(trajectory, with_guesses=report.comparison is None),
+            *(f"{warning.kind}: {warning}" for warning in report.warnings),
         ),
-        fits=tuple(fits),
+        fits=() if report.comparison is None else report.comparison.fits,
+        device=_describe_device(report.comparison),
         notes=tuple(notes.remarks),
     )
 
@@ -126,29 +130,38 @@ def warn_of_format(ranked: list[tuple[Format, float]]) -> list[str]:
     ]
 
 
-def warn_of_convention(fits: list[Fit]) -> list[str]:
-    """Say that a file fits another track better in another reading, or in none.
+def compare_with(trajectory: Trajectory, against: Trajectory, path: Path) -> PairReport:
+    """Check a track against another of the same walk, whose convention is known.
 
-    Args:
-        fits: As of `fit_readings`; none if there is no other track.
-
-    Returns:
-        A warning, or none.
+    Raises:
+        AssociationError: They have too few frames in common, and no offset of their clocks or
+            unit of time explains it.
     """
-    if not fits:
-        return []
-    as_read = next(fit for fit in fits if fit.title == AS_READ.title)
-    better = find_better_reading(fits)
-    if better is not None:
-        return [
-            f"convention: fits the other track better with {better.title}: relative rotations "
-            f"differ by {better.rotation_deg:.1f} deg instead of {as_read.rotation_deg:.1f} deg, "
-            f"directions of motion by {better.direction_deg:.0f} deg instead of "
-            f"{as_read.direction_deg:.0f} deg"
-        ]
-    if as_read.rotation_deg > _NO_FIT_DEG:
-        return [
-            f"convention: no reading fits the other track: relative rotations differ by "
-            f"{as_read.rotation_deg:.1f} deg: another walk, clock or device frame, or noise?"
-        ]
-    return []
+    known, suspect = Track("the other track", "gt", against), Track(str(path), "vio", trajectory)
+    report = check_pair(known, suspect, is_reference_known=True)
+    if report.comparison is None and not report.warnings:
+        find_common_frames(trajectory, against)  # raises, and says why
+    return report
+
+
+def _describe_device(comparison: Comparison | None) -> DeviceRotation | None:
+    if comparison is None or comparison.hand_eye is None:
+        return None
+    found = comparison.hand_eye
+    body_from_cam = found.body_from_cam
+    rotvec_deg = np.rad2deg(quaternion.to_rotvec(body_from_cam.quat_xyzw))
+    angle_deg = float(np.linalg.norm(rotvec_deg))
+    sigma_deg = float(np.rad2deg(found.rotation_sigma_rad))
+    if angle_deg < max(_LEAST_DEVICE_DEG, _DEVICE_SIGMAS * sigma_deg):
+        return None
+    axis = rotvec_deg / angle_deg
+    knows_arm = found.knows_arm
+    return DeviceRotation(
+        angle_deg=angle_deg,
+        axis=(float(axis[0]), float(axis[1]), float(axis[2])),
+        matrix=tuple(tuple(row) for row in quaternion.to_matrix(body_from_cam.quat_xyzw).tolist()),
+        quat_xyzw=tuple(body_from_cam.quat_xyzw.tolist()),
+        rotation_sigma_deg=sigma_deg,
+        lever_arm_m=tuple(body_from_cam.translation_m.tolist()) if knows_arm else None,
+        lever_arm_sigma_m=tuple(found.arm_sigma_m.tolist()),
+    )

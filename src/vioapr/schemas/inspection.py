@@ -68,6 +68,31 @@ class Fit(Record, frozen=True, kw_only=True):
         return self.rotation_deg + (self.direction_deg / 2 if is_known else 0.0)
 
 
+class DeviceRotation(Record, frozen=True, kw_only=True):
+    """The constant transform body_from_cam between the device of a file and another track's.
+
+    The body is the source of the file's poses, the camera that of the other track.
+
+    Attributes:
+        angle_deg: Angle of the rotation body_from_cam, degrees.
+        axis: Its axis, a unit vector.
+        matrix: The rotation as a matrix, by rows.
+        quat_xyzw: The rotation as a quaternion, Hamilton.
+        rotation_sigma_deg: Standard deviation about the axis that is known least, degrees.
+        lever_arm_m: Where the camera is in the body's frame, metres, or None where the motion
+            does not tell.
+        lever_arm_sigma_m: Standard deviation of the lever arm per axis, metres.
+    """
+
+    angle_deg: float
+    axis: tuple[float, float, float]
+    matrix: tuple[tuple[float, ...], ...]
+    quat_xyzw: tuple[float, ...]
+    rotation_sigma_deg: float
+    lever_arm_m: tuple[float, ...] | None
+    lever_arm_sigma_m: tuple[float, ...]
+
+
 class Inspection(Record, frozen=True, kw_only=True):
     """Facts and anomalies of a file.
 
@@ -88,6 +113,8 @@ class Inspection(Record, frozen=True, kw_only=True):
         up: Or None where the source frame is not a camera.
         warnings: What looks wrong, a line each.
         fits: Readings compared with another track, best first; empty without one.
+        device: The constant rotation and lever arm between the two tracks' devices; None where
+            there is none, no other track, or the motion does not tell.
         notes: How the file was read, where it is worth knowing: units and columns found.
     """
 
@@ -107,4 +134,5 @@ class Inspection(Record, frozen=True, kw_only=True):
     up: Up | None
     warnings: tuple[str, ...]
     fits: tuple[Fit, ...] = ()
+    device: DeviceRotation | None = None
     notes: tuple[str, ...] = ()
