@@ -38,8 +38,10 @@ def exif(size):
 def test_size_of_whole_images(content, tmp_path):
     path = tmp_path / "image"
     path.write_bytes(content)
-    assert probe_image(path) == (200, 120, None)
-    assert probe_bytes(content) == (200, 120, None)
+    expected = (200, 120, None, 8, "rgb", 1)
+    assert probe_image(path) == expected
+    assert probe_bytes(content) == expected
+    assert probe_image(path).obstacle is None
     assert decode_problem(path) is None
 
 

@@ -9,7 +9,7 @@ import tyro
 
 from vioapr.cli.console import progress, say
 from vioapr.cli.flags import fill_flags, flag_names
-from vioapr.importers.base import ImportOptions, Place, Split
+from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, ImportOptions, Place, Split
 from vioapr.importers.registry import get_importer, import_source
 
 
@@ -27,6 +27,7 @@ def import_(
     rate_hz: float | None = None,
     focal_px: float | None = None,
     metric: bool = False,
+    max_megapixels: float = DEFAULT_MAX_MEGAPIXELS,
     strict: bool = False,
 ) -> None:
     """Import what another app or data set recorded into a scene, and say what was found.
@@ -49,12 +50,15 @@ def import_(
         focal_px: Focal length in pixels of the images as they are, where the source has none or
             a wrong one.
         metric: The poses are in metres, although the source does not show it (nerfstudio, images).
+        max_megapixels: The largest image to import; at most 400.
         strict: Refuse what is otherwise imported with a warning.
 
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.
     """
-    options = ImportOptions(id, split, tracker, poses, gt, rate_hz, focal_px, metric, strict=strict)
+    options = ImportOptions(
+        id, split, tracker, poses, gt, rate_hz, focal_px, metric, max_megapixels, strict
+    )
     importer = get_importer(format)
     flags = flag_names(import_)
     count = 0

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import os
-import struct
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,35 +21,23 @@ from vioapr.errors import (
     UnwritableError,
 )
 from vioapr.files.append_table import write_all
+from vioapr.files.image_headers import (
+    JPEG_MAGIC,
+    PNG_MAGIC,
+    ImageProbe,
+    jpeg_header,
+    probe_ends,
+)
+
+if TYPE_CHECKING:
+    from PIL import ImageFile
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
-
-MAX_MEGAPIXELS = 400.0
-"""The largest image that is decoded: its pixels take 1.2 GB."""
 
 JPEG_QUALITY = 92
 """Of images that are given as arrays; few features are lost and a frame stays small."""
 
-_PNG_MAGIC, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-_SHORT, _TWO_SHORTS = struct.Struct(">H"), struct.Struct(">HH")
-_JPEG_MAGIC = b"\xff\xd8"
 _HEAD_BYTES, _LONG_HEAD_BYTES, _TAIL_BYTES = 4096, 1 << 18, 64
-# Start-of-frame markers: C0 to CF but the tables DHT, JPG and DAC.
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-
-
-class ImageProbe(NamedTuple):
-    """Size and wholeness of an image, from a few of its bytes.
-
-    Attributes:
-        width: Pixels, 0 if not known.
-        height: Pixels, 0 if not known.
-        problem: What was expected and found, or None if it is whole.
-    """
-
-    width: int
-    height: int
-    problem: str | None
 
 
 def probe_image(path: Path | str) -> ImageProbe:
@@ -69,10 +58,10 @@ def probe_image(path: Path | str) -> ImageProbe:
         if len(head) < _HEAD_BYTES:
             return probe_bytes(head)
         # Phones put a thumbnail of many kilobytes before the size.
-        if head.startswith(_JPEG_MAGIC) and not _jpeg_size(head)[0]:
+        if head.startswith(JPEG_MAGIC) and not jpeg_header(head).width:
             head += os.read(file, _LONG_HEAD_BYTES)
         os.lseek(file, -_TAIL_BYTES, os.SEEK_END)
-        return _probe(head, os.read(file, _TAIL_BYTES))
+        return probe_ends(head, os.read(file, _TAIL_BYTES))
     except OSError as error:
         return ImageProbe(0, 0, f"cannot be read: {error.strerror}")
     finally:
@@ -86,49 +75,36 @@ def find_image_problem(path: Path) -> str | None:
 
 def probe_bytes(content: bytes) -> ImageProbe:
     """Probe an image in memory; see `probe_image`."""
-    return _probe(content, content[-_TAIL_BYTES:])
+    return probe_ends(content, content[-_TAIL_BYTES:])
 
 
-def _probe(head: bytes, tail: bytes) -> ImageProbe:
-    if not head:
-        return ImageProbe(0, 0, "expected an image, got an empty file")
-    if head.startswith(_PNG_MAGIC):
-        width, height = (int.from_bytes(head[i : i + 4], "big") for i in (16, 20))
-        is_whole = _PNG_END in tail
-    elif head.startswith(_JPEG_MAGIC):
-        width, height = _jpeg_size(head)
-        # Some cameras pad the end with zeros.
-        is_whole = tail.rstrip(b"\0\r\n").endswith(b"\xff\xd9")
-    else:
-        return ImageProbe(0, 0, "expected a JPEG or PNG image, got something else")
-    if not width or not height:
-        return ImageProbe(0, 0, "expected an image, got one without size: is it truncated?")
-    return ImageProbe(width, height, None if is_whole else "truncated: the image's end is missing")
+@contextmanager
+def open_image(source: Path | str | bytes) -> Generator[ImageFile.ImageFile, None, None]:
+    """Open a JPEG or PNG for decoding, however large: who calls looks at its size first.
 
+    Args:
+        source: A file, or its bytes.
 
-def _jpeg_size(head: bytes) -> tuple[int, int]:
-    """Width and height in a JPEG's frame header; 0, 0 if the bytes end before it."""
-    at = 2
-    while at + 9 <= len(head) and head[at] == 0xFF:
-        marker = head[at + 1]
-        if marker == 0xFF:
-            at += 1  # fill bytes are allowed between segments
-        elif marker in _JPEG_FRAMES:
-            height, width = _TWO_SHORTS.unpack_from(head, at + 5)
-            return width, height
-        else:
-            at += 2 + _SHORT.unpack_from(head, at + 2)[0]
-    return 0, 0
+    Raises:
+        OSError: It cannot be read or decoded; also ValueError and SyntaxError.
+    """
+    from PIL import JpegImagePlugin, PngImagePlugin
+
+    with io.BytesIO(source) if isinstance(source, bytes) else Path(source).open("rb") as file:
+        is_png = file.read(8) == PNG_MAGIC
+        file.seek(0)
+        # Not Image.open: its limit of pixels is one for the whole process.
+        kind = PngImagePlugin.PngImageFile if is_png else JpegImagePlugin.JpegImageFile
+        with kind(file) as image:
+            yield image
 
 
 def decode_problem(path: Path) -> str | None:
     """Decode an image whole and find its problem, or None; slow."""
-    from PIL import Image
-
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             image.load()
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except (OSError, SyntaxError, ValueError) as error:
         return f"cannot be decoded: {error}"
     return None
 
@@ -146,24 +122,32 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint
 
     Raises:
         FileMissingError: It is missing.
-        FormatError: It is broken.
+        FormatError: It is broken, has 16 bits a channel, or more than `MAX_MEGAPIXELS`.
     """
-    from PIL import Image
+    from PIL.Image import Resampling
 
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
+            probe = ImageProbe(*image.size, None, 16 if _is_deep(image) else 8)
+            if probe.obstacle:
+                raise FormatError(path, probe.obstacle)
             pixels = image.convert("RGB")
             if size is not None:
-                pixels = pixels.resize(size, Image.Resampling.BILINEAR)
+                pixels = pixels.resize(size, Resampling.BILINEAR)
             return np.asarray(pixels)
     except FileNotFoundError:
         raise FileMissingError(path, "expected an image, found no file of this name") from None
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except (OSError, SyntaxError, ValueError) as error:
         problem = (
             f"expected an image that can be decoded: {error}; "
             f"vioapr scene check --decode finds all such images of a scene"
         )
         raise FormatError(path, problem) from None
+
+
+def _is_deep(image: ImageFile.ImageFile) -> bool:
+    """Whether a PNG that was opened has 16 bits a channel; some are given with 8 of them."""
+    return image.mode[0] in "IF" or any(";16" in str(tile) for tile in image.tile)
 
 
 def encode_image(name: str, pixels: NDArray[np.uint8]) -> bytes:
@@ -201,7 +185,8 @@ def copy_image(source: Path | str, target: Path | str, *, link: bool) -> None:
     """
     if link:
         try:
-            os.link(source, target)
+            # A link to a link would lead elsewhere from the new folder.
+            os.link(os.path.realpath(source), target)
             return
         except OSError:
             pass  # another file system, or one without links

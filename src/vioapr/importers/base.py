@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import ParameterError
-from vioapr.files.images import IMAGE_SUFFIXES, MAX_MEGAPIXELS
+from vioapr.files.image_headers import MAX_MEGAPIXELS
+from vioapr.files.images import IMAGE_SUFFIXES
 from vioapr.files.text import natural_key
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Intrinsics, Tracking

@@ -137,6 +137,12 @@ class CameraFitter:
             walk.note(f"images: {found} pixels; focal length {known}")
 
 
+def sizes_of(cameras: Intrinsics) -> list[_Size | None]:
+    """Widths and heights that cameras are of, None where nobody says."""
+    sizes = np.stack([np.asarray(cameras.width), np.asarray(cameras.height)], axis=-1).tolist()
+    return [None if width != width else (int(width), int(height)) for width, height in sizes]
+
+
 def _size_of(camera: NDArray[np.float64]) -> _Size | None:
     width, height = camera[:2].tolist()
     return (int(width), int(height)) if np.isfinite(camera[:2]).all() else None

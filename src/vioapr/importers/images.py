@@ -64,11 +64,12 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         source=source,
         timestamp_s=times,
         image_names=flat_names(names),
-        images=(f"{source}/{name}" for name in names),
+        images=[f"{source}/{name}" for name in names],
         vio_from_cam=poses,
         tracking=tracking_of(poses),
     )
-    (walk.note if is_measured else walk.warn)(f"time: {clock}")
+    is_said = is_measured or options.rate_hz is not None
+    (walk.note if is_said else walk.warn)(f"time: {clock}")
     if vio is not None and options.poses is not None:
         file = options.poses.name
         rows, of = pair_images(source, names, times, vio, options.poses)

@@ -100,7 +100,7 @@ def import_source(
             raise ParameterError(f"`{name}` has no meaning for {importer.name}")
     if not source.exists():
         raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
-    settings = WriteSettings(link, options.focal_px, options.strict)
+    settings = WriteSettings(link, options.focal_px, options.strict, options.max_megapixels)
     scenes = importer.read(source, options)
     for imported in scenes:
         scene = None

@@ -11,17 +11,16 @@ from msgspec.structs import replace
 
 from vioapr.errors import AlreadyExistsError, FormatError, ParameterError, UnwritableError
 from vioapr.files.atomic import leftovers_beside, partial_beside
-from vioapr.files.images import probe_bytes, probe_image
-from vioapr.importers.base import Image, ImportedScene, Place, Walk
+from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, ImportedScene, Place, Walk
 from vioapr.importers.diagnostics import diagnose_images
-from vioapr.importers.fitting import CameraFitter, drop_impossible_intrinsics
+from vioapr.importers.fitting import CameraFitter, drop_impossible_intrinsics, sizes_of
+from vioapr.importers.pictures import NO_FILE, PictureReader
 from vioapr.scene.frames import Frames
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.work.progress import Advance, ignore
 
 _BLOCK_FRAMES = 256
-_NO_FILE = "no file of this name"
 _DIVERGING = "the tracker is diverging"
 
 
@@ -33,11 +32,13 @@ class WriteSettings:
         link: Hard-link images rather than copy them, where possible.
         focal_px: Focal length, pixels of the images as they are, in place of the source's.
         strict: Refuse walks of which there is something to warn.
+        max_megapixels: The largest image to take.
     """
 
     link: bool = False
     focal_px: float | None = None
     strict: bool = False
+    max_megapixels: float = DEFAULT_MAX_MEGAPIXELS
 
 
 def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -> Scene:
@@ -120,21 +121,26 @@ def _write_files(folder: Path, walk: Walk, settings: WriteSettings, tick: Advanc
     images = iter(walk.images)
     drop_impossible_intrinsics(walk)
     fitter = CameraFitter(settings.focal_px)
+    pictures = PictureReader(
+        walk.images if isinstance(walk.images, list | tuple) else (),
+        link=settings.link,
+        max_megapixels=settings.max_megapixels,
+    )
     with RecordingWriter(folder, walk.info, link_images=settings.link) as writer:
         for start in range(0, len(walk), _BLOCK_FRAMES):
             rows = np.arange(start, min(start + _BLOCK_FRAMES, len(walk)))
             names: list[str] = []
             measured = np.full((2, len(rows)), np.nan)
+            said = walk.intrinsics.at(rows)
+            said_sizes = sizes_of(said)
             for column, row in enumerate(rows.tolist()):
                 # A source may end early, as a video that was cut off.
                 name, given = str(walk.image_names[row]), next(images, None)
-                image, size, problem = look_at_image(
-                    given if name else None, read=not settings.link
-                )
+                image, size, problem = pictures.read(given if name else None, said_sizes[column])
                 if name and image is None and not problem:
                     problem = "missing"
                 if problem:
-                    is_gone = problem == _NO_FILE and isinstance(given, Path | str)
+                    is_gone = problem == NO_FILE and isinstance(given, Path | str)
                     broken.append(f"{given if is_gone else name}: {problem}")
                     name = ""
                 elif image is not None:
@@ -142,13 +148,14 @@ def _write_files(folder: Path, walk: Walk, settings: WriteSettings, tick: Advanc
                 if size is not None:
                     measured[:, column] = size
                 names.append(name)
-            intrinsics = fitter.fit(walk.intrinsics.at(rows), measured)
+            intrinsics = fitter.fit(said, measured)
             times, states = walk.timestamp_s[rows], walk.tracking[rows]
             poses = walk.vio_from_cam.at(rows)
             writer.add_frames(Frames(times, tuple(names), states, poses, intrinsics, rows))
             tick(len(rows))
         _write_sensors(writer, walk)
         diagnose_images(walk, broken)
+        pictures.say(walk)
         fitter.say(walk)
         refuse_warnings(walk, settings)
         marks = ("WARNING " if finding.is_warning else "" for finding in walk.findings)
@@ -176,32 +183,3 @@ def refuse_warnings(walk: Walk, settings: WriteSettings) -> None:
     if settings.strict and warnings:
         more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
         raise FormatError(walk.source, f"refused, as `strict` says: {warnings[0]}{more}")
-
-
-def look_at_image(image: Image, *, read: bool) -> tuple[Image, tuple[int, int] | None, str | None]:
-    """Find the size of an image, and whether it is whole.
-
-    Args:
-        image: In any form.
-        read: Whether an image that is a path is read into memory; otherwise it is looked at in
-            place.
-
-    Returns:
-        The image to write; its width and height, pixels, if it is whole; what is wrong with it.
-    """
-    if image is None:
-        return None, None, None
-    if isinstance(image, np.ndarray):
-        return image, (image.shape[1], image.shape[0]), None
-    if isinstance(image, Path | str) and not read:
-        probe = probe_image(image)
-    else:
-        if isinstance(image, Path | str):
-            try:
-                image = Path(image).read_bytes()
-            except FileNotFoundError:
-                return None, None, _NO_FILE
-            except OSError as error:
-                return None, None, f"cannot be read: {error.strerror}"
-        probe = probe_bytes(image)
-    return image, (probe.width, probe.height) if not probe.problem else None, probe.problem

@@ -179,8 +179,8 @@ def read_images(recording: Recording, index: int, max_rate_hz: float) -> Recordi
         image = recording.image_path(row)
         name = f"{recording.id}/{IMAGES_FOLDER}/{frames.image[row]}"
         probe = probe_image(image)
-        if probe.problem is not None:
-            unusable[name] = probe.problem
+        if probe.obstacle is not None:
+            unusable[name] = probe.obstacle
             continue
         status = image.stat()
         identity.append(f"{name} {status.st_size} {status.st_mtime_ns}\n".encode())

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vioapr.files.images import read_rgb
 from vioapr.files.text import write_bytes
 from vioapr.report.style import house_style, new_figure, spread
 from vioapr.scene.scene import Scene
@@ -49,7 +49,7 @@ def contact_sheet(scene: Scene) -> Figure:
             weather = " · ".join(recording.info.notes[:1])
             for column, frame in enumerate(chosen):
                 axis = axes[row * _COLUMNS + column]
-                axis.imshow(_read(recording.image_path(int(frame))))
+                axis.imshow(read_rgb(recording.image_path(int(frame))))
                 axis.set_axis_off()
             axes[row * _COLUMNS].set_title(f"{id_}   {weather}", loc="left", fontsize=9)
     return figure
@@ -61,7 +61,7 @@ def route_map(scene: Scene, background: Background | None = None) -> Figure:
     with house_style():
         figure, (axis,) = new_figure(9.0, 6.9)
         if background is not None:
-            pixels = _read(background.picture)
+            pixels = read_rgb(background.picture)
             half = background.width_m / 2 * np.array([1, pixels.shape[0] / pixels.shape[1]])
             axis.imshow(pixels, extent=(-half[0], half[0], -half[1], half[1]))
         for number, id_ in enumerate(ids):
@@ -96,10 +96,3 @@ def _shown(scene: Scene) -> list[str]:
     train, test = (scene.splits.get(split, ()) for split in ("train", "test"))
     others = [id_ for id_ in scene.recording_ids if id_ not in (*train, *test)]
     return [ids[int(row)] for ids in (train, test, others) for row in spread(len(ids), _MOST)]
-
-
-def _read(path: Path) -> NDArray[np.uint8]:
-    from PIL import Image
-
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"))

@@ -211,7 +211,7 @@ def check_frames(
         report.images += 1
         path = f"{images}/{name}"  # not a Path: 100,000 of them take a second
         probe = probe_image(path)
-        problem = probe.problem or (decode_problem(Path(path)) if decode else None)
+        problem = probe.obstacle or (decode_problem(Path(path)) if decode else None)
         is_sized = width == width  # NaN where the line does not say
         if problem is None and is_sized and (probe.width, probe.height) != (width, height):
             problem = (
