@@ -40,6 +40,9 @@ def bench_(
         width: Of the images, pixels.
         repeats: How often every part is run, in turns.
         json_out: JSON to write the figures to.
+
+    Example:
+        vioapr bench courtyard.onnx --threads 1
     """
     given = {"height": height, "width": width, "repeats": repeats, "threads": threads}
     for name, value in given.items():

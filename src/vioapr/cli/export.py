@@ -39,6 +39,9 @@ def export(
         split: Write regressor and fusion as two files, e.g. for a browser with WebGPU.
         calibration: For int8-qdq: a scene, of whose training images some are used.
         params: Parameters of the methods. Those that the file takes as input are its defaults.
+
+    Example:
+        vioapr export courtyard/models/posenet --out courtyard.onnx
     """
     if (precision == "int8-qdq") != (calibration is not None):
         raise ParameterError("`precision` int8-qdq and `calibration` go together")

@@ -59,6 +59,9 @@ def fuse(
             timestamp_s,sigma_position_m,sigma_orientation_deg (default: the file beside the
             predictions whose name ends in .sigma.csv instead, if there is one).
         params: Parameters of the methods.
+
+    Example:
+        vioapr fuse --apr apr.tum --vio vio.csv --out fused.csv
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
     predictions = read_trajectory(apr, apr_format)

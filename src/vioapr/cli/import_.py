@@ -53,6 +53,9 @@ def import_(
         max_megapixels: The largest image to import; at most 400.
         strict: Refuse what is otherwise imported with a warning.
 
+    Example:
+        vioapr import stray 8653a2142b --out courtyard --place outdoor
+
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.
     """

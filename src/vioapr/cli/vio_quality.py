@@ -41,6 +41,9 @@ def vio_quality(
         figures: Folder to write the figures to, as PNG and SVG.
         tolerance_s: Largest difference of timestamps within a frame, s.
         params: What is compared.
+
+    Example:
+        vioapr vio-quality courtyard --figures figures
     """
     walks = find_vio_walks(paths)
     qualities = []
