@@ -35,8 +35,9 @@ def import_(
     What each format must hold is in docs/reference/scene.md.
 
     Args:
-        format: marvin, stray, record3d, advio, nerfstudio (also Polycam), 7scenes, cambridge,
-            or images (a folder of images with any trajectory file).
+        format: stray, record3d, scanner-app (3D Scanner App), polycam, nerfstudio (any
+            transforms.json), advio, marvin, 7scenes, cambridge, or images (a folder of images
+            with any trajectory file).
         source: The file or folder to import.
         out: The scene's folder, made if needed; recordings are added to what is there.
         split: train, test or none; by default the data set's own, else train.
