@@ -36,7 +36,7 @@ def test_parameters_reach_the_method(run, walk_dir, tmp_path):
     shares = []
     for threshold in ("0.05", "2.0"):
         run("evaluate", walk_dir, "--methods", "vio-apr", "--d-th", threshold, "--o-th", "10",
-            "--json", tmp_path / "out.json")  # fmt: skip
+            "--json", tmp_path / "out.json", "--overwrite")  # fmt: skip
         (group,) = json.loads((tmp_path / "out.json").read_text())
         shares.append(group["rows"][0]["fused"]["share"])
     assert shares[0] < shares[1]

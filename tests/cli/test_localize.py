@@ -260,7 +260,7 @@ def test_tum_ground_truth_may_be_given(run, model, recording, tmp_path, scene):
     scene.gt_path("walk").unlink()
     base = ("localize", "--model", model, "--recording", recording, "--out", tmp_path / "f.csv")
     assert "all frames" not in run(*base)[1]
-    assert "all frames" in run(*base, "--gt", gt)[1]
+    assert "all frames" in run(*base, "--overwrite", "--gt", gt)[1]
 
 
 def test_without_ground_truth_there_is_no_report(fails, model, recording, tmp_path, scene):

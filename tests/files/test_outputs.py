@@ -64,7 +64,7 @@ def test_a_result_is_kept_unless_it_is_to_be_replaced(tmp_path):
 
 
 def test_what_is_no_file(tmp_path, given):
-    with pytest.raises(ParameterError, match="expected a file to write, found a folder"):
+    with pytest.raises(UnwritableError, match="cannot be written: it is a folder"):
         check_outputs([tmp_path], overwrite=True)
     with pytest.raises(UnwritableError, match=r"in\.tum is no folder"):
         check_outputs([given / "out.csv"])

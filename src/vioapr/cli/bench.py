@@ -10,6 +10,7 @@ from rich.table import Table
 
 from vioapr.cli.console import console, progress, say
 from vioapr.errors import ParameterError
+from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_text
 from vioapr.runtime.bench import bench
 from vioapr.schemas.base import encode
@@ -30,6 +31,7 @@ def bench_(
     width: int = 640,
     repeats: int = 100,
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Measure an exported localizer: latency by part, memory, size and energy.
 
@@ -40,14 +42,13 @@ def bench_(
         width: Of the images, pixels.
         repeats: How often every part is run, in turns.
         json_out: JSON to write the figures to.
-
-    Example:
-        vioapr bench courtyard.onnx --threads 1
+        overwrite: Replace the JSON if it exists; never the file that is measured.
     """
     given = {"height": height, "width": width, "repeats": repeats, "threads": threads}
     for name, value in given.items():
         if value is not None and value < 1:
             raise ParameterError(f"{name}: expected at least 1, got {value}")
+    check_outputs([json_out], [model], overwrite=overwrite)
     with progress("measuring", repeats) as tick:
         found = bench(model, size=(height, width), repeats=repeats, threads=threads, tick=tick)
     print_figures(found)

@@ -17,9 +17,14 @@ from vioapr.cli.method_params import MethodParams, parse_methods
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import Group, tabulate, to_csv, to_records
+from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_text
 from vioapr.fusion.offline import View
-from vioapr.report.evaluation_report import count_report_ticks, write_report
+from vioapr.report.evaluation_report import (
+    REPORT_PATTERNS,
+    count_report_ticks,
+    write_report,
+)
 from vioapr.report.formatting import (
     format_levels,
     format_median,
@@ -30,6 +35,7 @@ from vioapr.report.formatting import (
 from vioapr.scene.walks import find_walks
 from vioapr.schemas.base import encode
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
+from vioapr.work.results import ResultFolder
 
 _WIDE = 140
 """Columns of a terminal from which the raw figures fit beside the fused ones."""
@@ -41,6 +47,7 @@ def evaluate(
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     csv_out: Annotated[Path | None, tyro.conf.arg(name="csv")] = None,
     report: Path | None = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     view: View = "retrospective",
     tolerance_s: float = DEFAULT_TOLERANCE_S,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
@@ -58,17 +65,20 @@ def evaluate(
             mapnet-pgo, pose-graph.
         json_out: JSON to write: the tables, and every walk's own figures.
         csv_out: CSV to write: a row a frame that has ground truth, with its pose and errors.
-        report: Folder to write an HTML page with tables and figures to (index.html).
+        report: Folder to write an HTML page with tables and figures to (index.html); an earlier
+            report in it is replaced, other files stay.
+        overwrite: Replace files that exist, also those that vioapr did not write; never one that is
+            read.
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.
         tolerance_s: Largest difference of timestamps within a frame, s.
         params: Parameters of the methods.
-
-    Example:
-        vioapr evaluate walks --methods vio-apr,consensus --report report
     """
     chosen = parse_methods(methods, params)
     folders = find_walks(walks)
+    read = [path for walk in folders for path in walk.paths]
+    check_outputs([json_out, csv_out], read, overwrite=overwrite)
+    check_report(report, overwrite=overwrite)
     with progress("reading walks", len(folders)) as tick:
         cases = load_cases(folders, tolerance_s=tolerance_s, tick=tick)
     with progress("fusing", count_ticks(cases, chosen)) as tick:
@@ -79,7 +89,24 @@ def evaluate(
     if csv_out is not None:
         write_text(csv_out, to_csv(results))
     if report is not None:
-        publish(groups, report, title="Localization report", params_of_method=chosen, view=view)
+        publish(
+            groups,
+            report,
+            title="Localization report",
+            params_of_method=chosen,
+            view=view,
+            overwrite=overwrite,
+        )
+
+
+def check_report(folder: Path | None, *, overwrite: bool) -> None:
+    """See, before the work, that a report would replace no file of the user's.
+
+    Raises:
+        AlreadyExistsError: It would.
+    """
+    if folder is not None:
+        ResultFolder(folder, overwrite=overwrite).check(REPORT_PATTERNS)
 
 
 def publish(
@@ -89,12 +116,16 @@ def publish(
     title: str,
     params_of_method: Mapping[str, Any],
     view: View,
+    overwrite: bool = False,
 ) -> None:
     """Write the report and say where it is."""
-    with progress("drawing figures", count_report_ticks(groups)) as tick:
+    with (
+        ResultFolder(folder, overwrite=overwrite).adding() as partial,
+        progress("drawing figures", count_report_ticks(groups)) as tick,
+    ):
         page = write_report(
             groups,
-            folder,
+            partial,
             title=title,
             command=shlex.join(["vioapr", *sys.argv[1:]]),
             params_of_method=params_of_method,
@@ -102,7 +133,7 @@ def publish(
             date=date.today().isoformat(),
             tick=tick,
         )
-    say(f"report: {page.resolve()}")
+    say(f"report: {(folder / page.name).resolve()}")
 
 
 def print_tables(groups: Sequence[Group]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,8 +12,10 @@ from vioapr.cli.console import say
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import MissingExtraError, ParameterError
-from vioapr.files.text import write_bytes
+from vioapr.files.atomic import replacing
+from vioapr.files.outputs import check_outputs
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
+from vioapr.schemas.regressor import REGRESSOR_FILE
 
 Precision = Literal["fp32", "fp16w", "int8w", "int8-qdq"]
 
@@ -24,6 +27,7 @@ def export(
     precision: Precision = "fp32",
     split: bool = False,
     calibration: Path | None = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
 ) -> None:
     """Export the whole localizer as one ONNX file: image and tracker pose in, fused pose out.
@@ -38,14 +42,14 @@ def export(
             bits, for a quarter; int8-qdq: arithmetic of 8 bits too, faster, not for Unity.
         split: Write regressor and fusion as two files, e.g. for a browser with WebGPU.
         calibration: For int8-qdq: a scene, of whose training images some are used.
+        overwrite: Replace the files to write if they exist; never the checkpoint.
         params: Parameters of the methods. Those that the file takes as input are its defaults.
-
-    Example:
-        vioapr export courtyard/models/posenet --out courtyard.onnx
     """
     if (precision == "int8-qdq") != (calibration is not None):
         raise ParameterError("`precision` int8-qdq and `calibration` go together")
     chosen = get_method(method)
+    paths = [out.with_suffix(".apr.onnx"), out.with_suffix(".fusion.onnx")] if split else [out]
+    check_outputs(paths, [checkpoint / REGRESSOR_FILE, checkpoint], overwrite=overwrite)
     require_torch("vioapr export")
     try:
         from vioapr.export.exporter import Exporter
@@ -60,10 +64,11 @@ def export(
 
         images = training_images(calibration, exporter.preprocess)
     if split:
-        apr, fusion = exporter.export_split(precision, images)
-        made = {out.with_suffix(".apr.onnx"): apr, out.with_suffix(".fusion.onnx"): fusion}
+        made = exporter.export_split(precision, images)
     else:
-        made = {out: exporter.export(precision, images)}
-    for path, file in made.items():
-        write_bytes(path, file.content)
+        made = [exporter.export(precision, images)]
+    with ExitStack() as both:  # a pair is replaced when both are whole
+        for path, file in zip(paths, made, strict=True):
+            both.enter_context(replacing(path)).write_bytes(file.content)
+    for path, file in zip(paths, made, strict=True):
         say(f"{path}: {len(file.content) / 1e6:.2f} MB")

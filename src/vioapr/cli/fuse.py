@@ -9,9 +9,10 @@ import tyro
 
 from vioapr.cli.console import progress, say
 from vioapr.cli.method_params import MethodParams, params_for
+from vioapr.files.outputs import check_outputs
 from vioapr.formats import tum
 from vioapr.formats.registry import read_trajectory
-from vioapr.formats.stated_sigmas import read_sigmas, read_sigmas_beside
+from vioapr.formats.stated_sigmas import path_beside, read_sigmas, read_sigmas_beside
 from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import View, fuse_walk
@@ -33,6 +34,7 @@ def fuse(
     apr_format: str | None = None,
     vio_format: str | None = None,
     apr_sigma: Path | None = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
 ) -> None:
     """Fuse a walk's predicted poses with its tracked ones into a robust pose for every frame.
@@ -58,12 +60,12 @@ def fuse(
         apr_sigma: What the regressor states of each prediction's error, a CSV with columns
             timestamp_s,sigma_position_m,sigma_orientation_deg (default: the file beside the
             predictions whose name ends in .sigma.csv instead, if there is one).
+        overwrite: Replace the files to write if they exist; never one that is read.
         params: Parameters of the methods.
-
-    Example:
-        vioapr fuse --apr apr.tum --vio vio.csv --out fused.csv
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
+    inputs = [apr, vio, apr_sigma or path_beside(apr)]
+    check_outputs([out, tum_out], inputs, overwrite=overwrite)
     predictions = read_trajectory(apr, apr_format)
     tracked = read_trajectory(vio, vio_format)
     if apr_sigma is None:

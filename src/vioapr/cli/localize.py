@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 from vioapr.cli.console import progress, say
-from vioapr.cli.evaluate import print_tables, publish
+from vioapr.cli.evaluate import check_report, print_tables, publish
 from vioapr.errors import ParameterError
 from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import COMPARED, compare_methods
+from vioapr.files.outputs import check_outputs
 from vioapr.formats.registry import read_trajectory
 from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import default_params
@@ -35,11 +39,12 @@ def localize_(
     vio: Path | None = None,
     gt: Path | None = None,
     report: Path | None = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     threads: int | None = None,
     view: bool = False,
     rrd: Path | None = None,
 ) -> None:
-    r"""Localize a recorded walk from its images and the tracker's poses, as a phone would.
+    """Localize a recorded walk from its images and the tracker's poses, as a phone would.
 
     Needs onnxruntime only (pip install 'vioapr[runtime]'). The poses are those known when each
     frame arrived.
@@ -51,18 +56,20 @@ def localize_(
         images: Instead of a recording: images of one folder, as a pattern in quotes.
         vio: With --images: the tracker's poses, vio_from_cam, in any trajectory format.
         gt: Ground truth, world_from_cam, in any trajectory format.
-        report: Folder to write an HTML page with tables and figures to; needs ground truth.
+        report: Folder to write an HTML page with tables and figures to; needs ground truth;
+            an earlier report in it is replaced, other files stay.
+        overwrite: Replace files that exist, also those that vioapr did not write; never one that is
+            read.
         threads: For every operator of the network; by default, all cores.
         view: Show the walk in a browser while it runs (pip install 'vioapr[viser]').
         rrd: Rerun file to write (pip install 'vioapr[rerun]').
-
-    Example:
-        vioapr localize --model courtyard.onnx --out fused.csv \
-            --recording courtyard/recordings/test-01
     """
     frames = _read_frames(recording, images, vio, gt)
     if report is not None and frames.gt is None:
         raise ParameterError("`report` needs ground truth: give `gt`")
+    read = [model, vio, gt, *frames.files]
+    check_outputs([out, rrd], read, overwrite=overwrite)
+    check_report(report, overwrite=overwrite)
     localizer = OnnxLocalizer(model, threads=threads)
     watchers: list[viewing.BrowserView | viewing.RerunFile] = []
     if view:
@@ -80,7 +87,7 @@ def localize_(
     write_fused_csv(out, walk.fused)
     say(f"{out}: {format_statuses(walk.fused)}")
     if frames.gt is not None:
-        compare(walk, localizer, model.name, frames.gt, report)
+        compare(walk, localizer, model.name, frames.gt, report, overwrite=overwrite)
     for watch in watchers:
         watch.finish()
 
@@ -102,7 +109,13 @@ def _read_frames(
 
 
 def compare(
-    walk: LocalizedWalk, localizer: OnnxLocalizer, name: str, gt: Trajectory, report: Path | None
+    walk: LocalizedWalk,
+    localizer: OnnxLocalizer,
+    name: str,
+    gt: Trajectory,
+    report: Path | None,
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Print the file's accuracy beside that of other methods on the same predictions.
 
@@ -112,6 +125,7 @@ def compare(
         name: Of the file.
         gt: Ground truth, world_from_cam.
         report: Folder to write a page with tables and figures to, or None.
+        overwrite: Whether files in it may be replaced that vioapr did not write.
     """
     method = localizer.contract.method
     assert method is not None  # only whole localizers are opened
@@ -125,4 +139,6 @@ def compare(
     if report is not None:
         title = f"Localized from images by one file ({method})"
         params = default_params(dict.fromkeys(result.method for result in groups[0].results))
-        publish(groups, report, title=title, params_of_method=params, view="live")
+        publish(
+            groups, report, title=title, params_of_method=params, view="live", overwrite=overwrite
+        )

@@ -29,9 +29,6 @@ def map_(
     Args:
         scene: The scene's folder.
         params: How it is mapped.
-
-    Example:
-        vioapr map courtyard
     """
     opened = Scene.open(scene)
     summary = map_scene(opened, params, progress)

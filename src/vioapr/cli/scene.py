@@ -13,6 +13,7 @@ from rich.text import Text
 
 from vioapr.cli.console import console, progress, say
 from vioapr.errors import ParameterError, VioAprError
+from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_bytes, write_text
 from vioapr.report.figures.speed import speed_bins, speed_figure, speed_panels
 from vioapr.report.style import render
@@ -35,9 +36,6 @@ def scene_check(
         decode: Decode every image whole: slow, and finds damage within an image too. Without
             it, missing, truncated and foreign images are found by their head and end.
 
-    Example:
-        vioapr scene check courtyard
-
     Raises:
         VioAprError: There are problems; they have been printed.
     """
@@ -59,16 +57,15 @@ def scene_info(
     ],
     figure: Path | None = None,
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Print what scenes hold: the paper's Table 1, their recordings, and walking speeds.
 
     Args:
-        folders: The scenes' folders.
+        folders: Scenes.
         figure: Histograms of speeds to write, outdoor and indoor scenes apart: .png or .svg.
         json_out: JSON to write, with all figures of all recordings.
-
-    Example:
-        vioapr scene info courtyard hall --figure speeds.png
+        overwrite: Replace the files to write if they exist; never one that is read.
 
     Raises:
         VioAprError: A scene cannot be read.
@@ -77,10 +74,12 @@ def scene_info(
         raise ParameterError("folders: expected at least one scene's folder, got none")
     if figure is not None and figure.suffix.lower() not in (".png", ".svg"):
         raise ParameterError(f"figure: expected a name ending in .png or .svg, got {figure}")
+    scenes = [Scene.open(folder) for folder in folders]
+    inputs = [path for scene in scenes for path in scene.tables()]
+    check_outputs([figure, json_out], inputs, overwrite=overwrite)
     summaries = []
-    for folder in folders:
-        scene = Scene.open(folder)
-        with progress(f"reading {folder.name}", count_frames(folder)) as tick:
+    for scene in scenes:
+        with progress(f"reading {scene.folder.name}", count_frames(scene.folder)) as tick:
             summaries.append(summarize_scene(scene, tick))
     print_scenes(summaries)
     for summary in summaries:

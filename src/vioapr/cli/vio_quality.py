@@ -13,18 +13,21 @@ from vioapr.evaluation.metrics import PoseErrors, summarize
 from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
 from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_record
 from vioapr.evaluation.vio_tracks import find_vio_walks
+from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_text
 from vioapr.report.figures.vio_quality import VIO_FIGURES
 from vioapr.report.formatting import format_error, format_median, format_number
 from vioapr.report.style import save_figure
 from vioapr.schemas.base import encode
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
+from vioapr.work.results import ResultFolder
 
 
 def vio_quality(
     paths: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[PATH ...]")],
     json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     figures: Path | None = None,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
     params: tyro.conf.OmitArgPrefixes[VioQualityParams] = VioQualityParams(),  # noqa: B008
 ) -> None:
@@ -38,14 +41,17 @@ def vio_quality(
         paths: Scenes; folders with walks (gt.* beside vio_<name>.*, or <walk>_gt.* beside
             <walk>_<name>.*); or the common beginning of one walk's files.
         json_out: JSON to write: every walk's and every group's figures.
-        figures: Folder to write the figures to, as PNG and SVG.
+        figures: Folder to write the figures to, as PNG and SVG; other files in it stay.
+        overwrite: Replace files that exist, also those that vioapr did not write; never one that is
+            read.
         tolerance_s: Largest difference of timestamps within a frame, s.
         params: What is compared.
-
-    Example:
-        vioapr vio-quality courtyard --figures figures
     """
     walks = find_vio_walks(paths)
+    read = [file for walk in walks for file in walk.files]
+    check_outputs([json_out], read, overwrite=overwrite)
+    if figures is not None:
+        ResultFolder(figures, overwrite=overwrite).check(f"{name}.*" for name in VIO_FIGURES)
     qualities = []
     with progress("comparing walks", len(walks)) as tick:
         for walk in walks:
@@ -55,8 +61,9 @@ def vio_quality(
     if json_out is not None:
         write_text(json_out, encode(to_record(qualities), indent=1))
     if figures is not None:
-        for name, draw in VIO_FIGURES.items():
-            save_figure(draw(qualities), figures / name)
+        with ResultFolder(figures, overwrite=overwrite).adding() as partial:
+            for name, draw in VIO_FIGURES.items():
+                save_figure(draw(qualities), partial / name)
         say(f"figures: {figures.resolve()}")
 
 

@@ -66,11 +66,13 @@ class VioWalk:
 
     Attributes:
         gt: File of its ground truth.
+        files: All files that it is read from, but images.
         read: Reads its trackers' tracks; the argument is the largest difference of timestamps
             within a frame, s.
     """
 
     gt: Path
+    files: tuple[Path, ...]
     read: Callable[[float], list[VioTrack]]
 
 
@@ -164,7 +166,11 @@ def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
         if (path / SCENE_FILE).is_file():
             scene = Scene.open(path)
             ids = [id_ for id_ in scene.recording_ids if scene.gt_path(id_).exists()]
-            walks = [VioWalk(scene.gt_path(i), partial(_read_recording, scene, i)) for i in ids]
+            files = tuple(scene.tables())
+            walks = [
+                VioWalk(scene.gt_path(id_), files, partial(_read_recording, scene, id_))
+                for id_ in ids
+            ]
             if not walks:
                 raise FormatError(
                     path,
@@ -172,7 +178,7 @@ def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
                 )
         else:
             walks = [
-                VioWalk(files.gt, partial(_read_files, files))
+                VioWalk(files.gt, files.paths, partial(_read_files, files))
                 for files in walks_at(path)
                 if files.vios
             ]

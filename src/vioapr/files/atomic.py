@@ -129,11 +129,72 @@ def _create_beside(target: Path) -> tuple[Path, int]:
 def _remove_leftovers(target: Path) -> None:
     """Remove what processes that died left beside a file; living ones hold a lock on theirs."""
     for leftover in leftovers_beside(target):
-        if fcntl is None or leftover.is_dir():
-            continue
-        with suppress(OSError), leftover.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            leftover.unlink()
+        if fcntl is None:
+            return
+        with suppress(OSError):
+            held = os.open(leftover, os.O_RDONLY)
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(leftover) if leftover.is_dir() else leftover.unlink()
+            finally:
+                os.close(held)
+
+
+@contextmanager
+def replacing_files(path: Path) -> Iterator[Path]:
+    """Give a temporary path of the same name, for writers of a file or of a whole folder.
+
+    What was written is moved to `path` when it has reached the disk: a file as by `replacing`, a
+    new folder in one step, into a folder that exists file by file; other files in it stay. If
+    the block raises, nothing is moved.
+
+    Args:
+        path: The file or folder; folders above it are made as needed.
+
+    Yields:
+        A path in a temporary folder beside it; a folder is there if `path` is one.
+
+    Raises:
+        UnwritableError: It cannot be written; what was there stays.
+    """
+    try:
+        if own_descriptor(path) is not None or (path.exists() and not path.is_dir()):
+            yield path  # whose writers use `replacing`
+        else:
+            yield from _moved_files_to(Path(os.path.realpath(path)))
+    except OSError as error:
+        raise UnwritableError.of(path, error) from None
+
+
+def _moved_files_to(target: Path) -> Iterator[Path]:
+    """Yield a path in a temporary folder, and move what is there to a file or folder."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    _remove_leftovers(target)
+    around = partial_beside(target)
+    around.mkdir()
+    held = os.open(around, os.O_RDONLY) if fcntl is not None else None
+    try:
+        if fcntl is not None and held is not None:
+            with suppress(OSError):
+                fcntl.flock(held, fcntl.LOCK_EX)
+        partial = around / target.name
+        if target.is_dir():
+            partial.mkdir()
+        yield partial
+        sync_folder(around)
+        if not target.is_dir():
+            partial.replace(target)
+        else:
+            for path in sorted(path for path in partial.rglob("*") if path.is_file()):
+                place = target / path.relative_to(partial)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(place)
+            sync_folder(target)
+        sync(target.parent)
+    finally:
+        shutil.rmtree(around, ignore_errors=True)
+        if held is not None:
+            os.close(held)
 
 
 def replace_folder(folder: Path, partial: Path) -> None:

@@ -26,13 +26,13 @@ def check_outputs(
 
     Args:
         outputs: Files to be written; None for those that were not asked for.
-        inputs: Files and folders that the work reads.
+        inputs: Files that the work reads, and folders all of whose files it may read.
         overwrite: Whether files that exist may be replaced; inputs never are.
 
     Raises:
-        ParameterError: An output is an input, or another output, or a folder.
+        ParameterError: An output is an input, or another output.
         AlreadyExistsError: An output exists, and is not to be replaced.
-        UnwritableError: An output cannot be looked at, or its folder is a file.
+        UnwritableError: An output is a folder or cannot be looked at, or its folder is a file.
     """
     read = [path for path in inputs if path is not None and not is_stream(path)]
     seen: list[Path] = []
@@ -42,6 +42,8 @@ def check_outputs(
         if (given := _find_same(output, read)) is not None:
             named = "the input" if given == output else f"the input {given}"
             raise ParameterError(f"{output} is {named}: write to another file")
+        if (folder := _find_around(output, read)) is not None and output.exists():
+            raise ParameterError(f"{output} is a part of the input {folder}: write to another file")
         if (other := _find_same(output, seen)) is not None:
             named = "also" if other == output else f"the same file as {other},"
             raise ParameterError(f"{output} is {named} another output: give each a file of its own")
@@ -73,11 +75,17 @@ def _find_same(path: Path, others: Sequence[Path]) -> Path | None:
     return next((other for other in others if is_same_file(path, other)), None)
 
 
+def _find_around(path: Path, others: Sequence[Path]) -> Path | None:
+    """The first of some folders that a path lies in."""
+    above = Path(os.path.realpath(path)).parents
+    return next((other for other in others if Path(os.path.realpath(other)) in above), None)
+
+
 def _check_free(output: Path, overwrite: bool) -> None:
     """See that a file can be written, and that none is replaced that is to be kept."""
     try:
         if output.is_dir():
-            raise ParameterError(f"{output}: expected a file to write, found a folder")
+            raise UnwritableError(output, "cannot be written: it is a folder")
         if output.exists() and not overwrite:
             raise AlreadyExistsError(output, "exists: choose another name, or give `overwrite`")
     except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from vioapr.errors import (
     SuspectTrackError,
     UnreadableError,
 )
-from vioapr.files.text import is_folder
+from vioapr.files.atomic import replacing_files
+from vioapr.files.outputs import check_outputs, is_same_file
 from vioapr.formats.anomalies import check_track
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.corrections import Corrections
@@ -74,21 +76,14 @@ def convert_file(
     """
     by_name = "target_format"  # the parameter to mention where the name means no format
     writer = get_format(target_format) if target_format else format_of_name(target, by_name)
-    try:
-        is_source = target.exists() and source.exists() and target.samefile(source)
-        exists = any(target.iterdir()) if is_folder(target) else target.exists()
-    except OSError as error:
-        raise UnreadableError(target, f"cannot be looked at: {error.strerror}") from None
-    if is_source:
-        raise ParameterError(f"{target} is the input: write to another file")
-    if exists and not overwrite:
-        raise AlreadyExistsError(target, "exists: choose another name, or give `overwrite`")
+    check_target(source, target, overwrite=overwrite)
     reading = read_with_notes(source, source_format, options, parameter="source_format")
     trajectory = (corrections or Corrections()).apply(reading.trajectory)
     warnings = tuple(check_track(trajectory))
     if warnings and options is not None and options.strict:
         raise SuspectTrackError(f"{source}: {warnings[0]}")
-    writer.write(target, trajectory)
+    with replacing_files(target) as partial:
+        writer.write(partial, trajectory)
     lost: list[str] = []
     if trajectory.is_timed and not writer.has_times:
         lost.append("timestamps")
@@ -99,3 +94,27 @@ def convert_file(
     return Conversion(
         reading.format.name, writer.name, len(trajectory), tuple(lost), reading.notes, warnings
     )
+
+
+def check_target(source: Path, target: Path, *, overwrite: bool) -> None:
+    """See that a file or folder may be written; one that exists with nothing in it may be.
+
+    Raises:
+        ParameterError: It is the source, or a part of it, or the source is a part of it.
+        AlreadyExistsError: It exists, and is not to be overwritten.
+        UnreadableError: It cannot be looked at.
+        UnwritableError: Its folder is a file.
+    """
+    try:
+        if not target.is_dir():
+            check_outputs([target], [source], overwrite=overwrite)
+        elif is_same_file(source, target):
+            raise ParameterError(f"{target} is the input: write to another folder")
+        elif any(target.iterdir()) and not overwrite:
+            raise AlreadyExistsError(target, "exists: choose another name, or give `overwrite`")
+    except OSError as error:
+        raise UnreadableError(target, f"cannot be looked at: {error.strerror}") from None
+    # A reader takes the whole folder, and a writer may write anywhere in it.
+    one, other = Path(os.path.realpath(source)), Path(os.path.realpath(target))
+    if (one in other.parents and target.exists()) or (other in one.parents and target.is_dir()):
+        raise ParameterError(f"{target} and the input {source} are in each other: write elsewhere")

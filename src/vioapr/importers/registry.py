@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,6 @@ from vioapr.errors import ParameterError
 from vioapr.importers import (
     advio,
     cambridge,
-    frame_files,
     images,
     marvin,
     nerfstudio,
@@ -32,24 +30,13 @@ IMPORTERS: dict[str, Importer] = {
         record3d.IMPORTER,
         advio.IMPORTER,
         nerfstudio.IMPORTER,
-        frame_files.SCANNER_APP,
-        frame_files.POLYCAM,
         sevenscenes.IMPORTER,
         cambridge.IMPORTER,
         images.IMPORTER,
     )
 }
 
-_ALIASES = {
-    "3d-scanner-app": "scanner-app",
-    "3dscannerapp": "scanner-app",
-    "instant-ngp": "nerfstudio",
-    "nerfcapture": "nerfstudio",
-    "sevenscenes": "7scenes",
-    "spectacular-ai": "nerfstudio",
-    "stray-scanner": "stray",
-    "transforms": "nerfstudio",
-}
+_ALIASES = {"polycam": "nerfstudio", "instant-ngp": "nerfstudio", "sevenscenes": "7scenes"}
 
 
 @dataclass(frozen=True)
@@ -75,8 +62,7 @@ def get_importer(name: str) -> Importer:
     Raises:
         ParameterError: There is none; the message lists them.
     """
-    name = re.sub(r"[ _]", "-", name.lower())
-    name = _ALIASES.get(name, name)
+    name = _ALIASES.get(name.lower(), name.lower())
     if name not in IMPORTERS:
         raise ParameterError(f"unknown source {name!r}: expected one of {', '.join(IMPORTERS)}")
     return IMPORTERS[name]

@@ -16,7 +16,7 @@ from vioapr.files.text import write_text
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import View
 from vioapr.fusion.types import Status
-from vioapr.report.figures import count_figure_ticks, save_figures
+from vioapr.report.figures import FIGURES, count_figure_ticks, save_figures
 from vioapr.report.formatting import (
     UNKNOWN,
     format_levels,
@@ -92,6 +92,10 @@ class EvaluationPage(Page):
     statuses: Sequence[tuple[str, str]]
     overview: Table
     sections: Sequence[Section]
+
+
+REPORT_PATTERNS = ("index.html", *(f"figures/*_{kind}.*" for kind in FIGURES))
+"""Of the paths that `write_report` writes in its folder."""
 
 
 def count_report_ticks(groups: Sequence[Group]) -> int:

@@ -36,6 +36,7 @@ class WalkFrames:
         vio_from_cam: Shape (n,); y-up tracking world, OpenCV camera; NaN where lost.
         tracking_reset: Shape (n,), whether the tracking world is a new one.
         gt: Ground truth, or None.
+        tables: Files that were read, beside images.
     """
 
     name: str
@@ -44,6 +45,12 @@ class WalkFrames:
     vio_from_cam: Rigid3
     tracking_reset: NDArray[np.bool_]
     gt: Trajectory | None = None
+    tables: tuple[Path, ...] = ()
+
+    @property
+    def files(self) -> list[Path]:
+        """All files that the frames are read from."""
+        return [*self.tables, *(path for path in self.images if path is not None)]
 
     def __len__(self) -> int:
         return len(self.timestamp_s)
@@ -66,10 +73,15 @@ def frames_of_recording(folder: Path) -> WalkFrames:
         raise FormatError(folder, "expected frames, found none")
     images = tuple(folder / IMAGES_FOLDER / name if name else None for name in frames.image)
     gt, real = None, folder.resolve()
+    tables = [path for path in folder.iterdir() if path.is_file()]
     if real.parent.name == RECORDINGS_FOLDER and (real.parents[1] / "scene.toml").exists():
-        gt = Scene.open(real.parents[1]).gt(real.name)
+        scene = Scene.open(real.parents[1])
+        gt = scene.gt(real.name)
+        tables += scene.tables()
     resets = frames.tracking == Tracking.RESET
-    return WalkFrames(recording.id, frames.timestamp_s, images, frames.vio_from_cam, resets, gt)
+    return WalkFrames(
+        recording.id, frames.timestamp_s, images, frames.vio_from_cam, resets, gt, tuple(tables)
+    )
 
 
 def frames_of_images(images: str, vio: Path) -> WalkFrames:

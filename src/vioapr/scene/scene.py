@@ -103,6 +103,12 @@ class Scene:
         """Where the map is or will be."""
         return self.folder / MAP_FOLDER
 
+    def tables(self) -> list[Path]:
+        """All files that say something of the place and its recordings: all but images and map."""
+        recordings = (self.folder / RECORDINGS_FOLDER).glob("*/*")
+        gt = (self.folder / GT_FOLDER).glob("*")
+        return [self.folder / SCENE_FILE, *(path for path in (*recordings, *gt) if path.is_file())]
+
     def recording_folder(self, id_: str) -> Path:
         """Where a recording is or will be."""
         return self.folder / RECORDINGS_FOLDER / check_id(id_)

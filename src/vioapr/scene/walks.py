@@ -42,6 +42,12 @@ class WalkFiles:
     vios: dict[str, Path]
     aprs: dict[str, Path]
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All its files, with the tables beside predictions."""
+        tables = map(stated_sigmas.path_beside, self.aprs.values())
+        return (self.gt, *self.vios.values(), *self.aprs.values(), *filter(None, tables))
+
 
 def find_walks(paths: Sequence[Path]) -> list[WalkFiles]:
     """Find the walks with ground truth, VIO and predictions at or below some folders.
