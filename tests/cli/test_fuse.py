@@ -96,17 +96,19 @@ def test_bad_values_get_one_line(fails, files, tmp_path, arguments, message):
     assert not (tmp_path / "f.csv").exists()
 
 
+RUN = b"".join(b"%d 1 2 3 0 0 0 1\n" % time for time in range(7))
+TWO_RUNS = RUN + RUN
 BAD_FILES = [
     (b"", (": expected rows of", "empty file")),
     (b"# only a comment\n", (": expected rows of",)),
     (b"0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0\n", (":2: expected 8 columns",)),
     (b"0 1 2 3 0 0 0 1\n1 1 2 x 0 0 0 1\n", (":2: expected a number, got 'x'",)),
-    (b"0 1 2 3 0 0 0 1\n1 1 2 nan 0 0 0 1\n", (":2: expected finite numbers",)),
+    (b"0 1 2 nan 0 0 0 1\n1 1 2 nan 0 0 0 1\n", (":1: expected finite numbers",)),
     (b"0 1 2 inf 0 0 0 1\n", (":1: expected finite numbers",)),
     (b"0 1 2 3 0 0 0 0\n", (":1: expected a unit quaternion, got one of norm 0",)),
     (b"0 1 2 3 0 0 0 2\n", (":1: expected a unit quaternion, got one of norm 2",)),
-    (b"1 1 2 3 0 0 0 1\n# x\n0 1 2 3 0 0 0 1\n", (":3: expected increasing timestamps",)),
-    (b"1 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n", (":2: expected increasing timestamps",)),
+    (TWO_RUNS, (":8: expected increasing timestamps", "two runs?")),
+    (b"1 1 2 3 0 0 0 1\n" * 9, (":2: expected increasing timestamps",)),
     (b"0 1 2 3 0 0 0 1\n\x00\xff\xfe\x00\n", (":2: expected text, got binary content",)),
     (b"\x1f\x8b\x08\x00broken", ("gzip",)),
 ]

@@ -17,12 +17,14 @@ from vioapr.files.tables import (
     format_field,
     format_rows,
     head_rows,
-    parse_numbers,
     parse_rows,
     read_headed_csv,
     to_ticks,
 )
+from vioapr.formats import table_rows
 from vioapr.formats.base import ReadOptions
+from vioapr.formats.table_head import look_at
+from vioapr.formats.table_rows import read_columns
 from vioapr.formats.times import seconds_of
 
 PATH = Path("walk.txt")
@@ -52,7 +54,21 @@ def test_fields_between_commas_are_stripped_and_headers_skipped():
 )
 def test_a_bad_table_is_named_with_its_line(text, message):
     with pytest.raises(FormatError, match=message):
-        parse_numbers(PATH, text, range(2, 3), what="a b")
+        parse_rows(PATH, text, range(2, 3), what="a b").numbers(slice(None))
+
+
+def test_missing_numbers_are_nan():
+    rows = parse_rows(PATH, "1,,NaN\nnull,None,n/a\n", range(3, 4), what="a", delimiter=",")
+    np.testing.assert_array_equal(rows.numbers(slice(None)), [[1, *[np.nan] * 2], [np.nan] * 3])
+
+
+def test_a_last_row_that_was_cut_off_is_a_problem():
+    rows = parse_rows(PATH, "1 2\n1 2\n3", range(2, 3), what="a b")
+    assert rows.lines == [1, 2]
+    assert rows.problems[3].error == "expected 2 columns (a b), got 1"
+    for complete in ("1 2\n3\n", "3\n1 2\n3", "1 2\n3 4 5"):
+        with pytest.raises(FormatError, match="expected 2 columns"):
+            parse_rows(PATH, complete, range(2, 3), what="a b")
 
 
 @pytest.mark.parametrize("part", [1, 7, 1 << 20])
@@ -60,10 +76,13 @@ def test_text_is_split_in_parts_as_it_is_whole(part, monkeypatch):
     text = "".join(f"{row} {row / 7}\n# comment\n" for row in range(50))
     whole = np.array([[row, row / 7] for row in range(50)])
     monkeypatch.setattr(tables, "_PART_CHARACTERS", part)
-    monkeypatch.setattr(tables, "_PART_ROWS", part)
-    rows, values = parse_numbers(PATH, text, range(2, 3), what="a b")
-    np.testing.assert_array_equal(values, whole)
-    assert rows.lines == list(range(1, 100, 2))
+    monkeypatch.setattr(table_rows, "_PART_ROWS", part)
+    head = look_at(text.encode())
+    columns = read_columns(PATH, head, text, range(2), 1, "a b")
+    np.testing.assert_array_equal(columns.values, whole)
+    assert columns.rows.lines == list(range(1, 100, 2))
+    assert columns.ticks == list(range(50))
+    assert columns.texts == [f"{row / 7}" for row in range(50)]
 
 
 def test_headed_columns_come_in_the_order_asked_for(tmp_path):

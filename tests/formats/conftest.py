@@ -26,6 +26,9 @@ FILE_NAMES = {
     "aria": "closed_loop_trajectory.csv",
     "cambridge": "dataset_train.txt",
     "tum": "walk.tum",
+    "table": "table.csv",
+    "arkit-logger": "ARKit_camera_pose.txt",
+    "arcore-logger": "ARCore_sensor_pose.txt",
 }
 
 

@@ -305,10 +305,24 @@ def test_matrices_that_are_no_rotation(name, tmp_path):
             read_trajectory(matrix_file(tmp_path, name, matrix), name)
 
 
-def test_cambridge_needs_its_header(tmp_path):
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_cambridge_headers_end_where_rows_begin(count, tmp_path):
     path = tmp_path / "dataset_train.txt"
-    path.write_text("a.png 1 2 3 1 0 0 0\n" * 5)
-    expect(path, "cambridge", "expected 3 header lines, got a row of name x y z", 1)
+    header = ["Visual Landmark Dataset V1", "ImageFile, Camera Position [X Y Z W P Q R]", ""]
+    rows = [f"seq1/f{i}.png {i} 2 3 1 0 0 0" for i in range(5)]
+    path.write_text("\n".join([*header[3 - count :], *rows]) + "\n")
+    read = read_trajectory(path)
+    assert read.names == tuple(f"seq1/f{i}.png" for i in range(5))
+    assert read.position_m[0].tolist() == [0, 2, 3]
+
+
+def test_a_broken_first_row_is_no_header(tmp_path):
+    path = tmp_path / "dataset_train.txt"
+    rows = "seq1/f1.png 1 2 3 1 0 0 0\n" * 3
+    path.write_text("ImageFile, Camera Position [X Y Z W P Q R]\nf0.png 1 2 3 1 0 0\n" + rows)
+    expect(path, "cambridge", "expected 8 columns .* got 7", 2)
+    path.write_text("one\ntwo\nthree\nfour\n" + rows)
+    expect(path, "cambridge", "expected 8 columns .* got 1", 4)
 
 
 def test_colmap_points_must_follow_images(tmp_path):

@@ -153,7 +153,7 @@ def test_advio_rows_before_the_tracker_started_are_left_out(tmp_path):
 def test_nanoseconds_are_rounded_once(tmp_path):
     path = tmp_path / "data.csv"
     path.write_text("1403636579763555584,0,0,0,1,0,0,0\n")
-    assert read_trajectory(path).timestamp_s[0] == 1403636579.763555584
+    assert read_trajectory(path, "euroc").timestamp_s[0] == 1403636579.763555584
 
 
 def test_record3d_times(tmp_path):

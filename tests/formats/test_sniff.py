@@ -50,13 +50,22 @@ def test_advio_is_told_by_name(tmp_path):
     assert rank(tmp_path, "advio-03_gt_pose.csv", row)[0] == ("advio-gt", 0.9)
     assert rank(tmp_path, "pose.csv", row)[0] == ("advio-gt", 0.9)
     assert rank(tmp_path, "arcore.csv", row)[0] == ("advio-vio", 0.9)
-    assert rank(tmp_path, "walk.csv", row) == [("advio-vio", 0.4), ("advio-gt", 0.3)]
+    assert rank(tmp_path, "walk.csv", row) == [
+        *(("tum", 0.45), ("advio-vio", 0.4), ("euroc", 0.3), ("advio-gt", 0.3))
+    ]
 
 
-def test_nanoseconds_tell_euroc(tmp_path):
+def test_nanoseconds_and_a_header_tell_euroc(tmp_path):
+    """Alone, nanoseconds do not: the quaternion may be in either order."""
     row = "1403636579763555584,1,2,3,0.6,0,0.8,0\n"
-    assert rank(tmp_path, "data.csv", row) == [("euroc", 0.6)]
-    assert rank(tmp_path, "data.csv", "#timestamp [ns],p\n" + row)[0][1] == pytest.approx(0.95)
+    assert rank(tmp_path, "data.csv", row) == [("euroc", 0.55), ("tum", 0.4)]
+    biases = row[:-1] + ",0" * 9 + "\n"
+    assert rank(tmp_path, "data.csv", biases)[0] == ("euroc", 0.7)
+    header = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], "
+    header += "q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n"
+    assert rank(tmp_path, "data.csv", header + row)[0] == ("euroc", 0.95)
+    wrong = header.replace("q_RS_w", "q_RS_v").replace("q_RS_z", "q_RS_w").replace("_v", "_z")
+    assert rank(tmp_path, "data.csv", wrong + row)[0] == ("table", 0.9)
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,11 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.files.text import read_text
 
-_PART_ROWS, _PART_CHARACTERS = 4096, 1 << 20
+_MISSING = frozenset({"", "nan", "null", "none", "na", "n/a"})
+CUT_OFF = "ends early"
+"""The summary of a last row that was cut off."""
+
+_PART_CHARACTERS = 1 << 20
 _SNIFFED_ROWS, _SNIFFED_BYTES = 20, 16384
 
 
@@ -70,9 +73,13 @@ class Rows:
             pass
         for row, line in zip(picked, self.lines, strict=True):
             for text in row:
-                if not is_number(text):
+                if not is_number(text) and not is_missing(text):
                     raise FormatError(self.path, f"expected a number, got {text[:40]!r}", line)
-        raise FormatError(self.path, "expected a table of numbers")
+        try:
+            filled = [["nan" if is_missing(text) else text for text in row] for row in picked]
+            return np.array(filled, dtype=np.float64).reshape(len(picked), -1)
+        except ValueError:
+            raise FormatError(self.path, "expected a table of numbers") from None
 
     def column(self, index: int) -> list[str]:
         """One column as text."""
@@ -102,6 +109,11 @@ def is_number(field: str) -> bool:
     return True
 
 
+def is_missing(field: str) -> bool:
+    """Whether a field stands for a number that is not there, as pandas and JSON write it."""
+    return field.lower() in _MISSING
+
+
 def split_rows(
     path: Path,
     text: str,
@@ -109,10 +121,14 @@ def split_rows(
     *,
     what: str,
     delimiter: str | None = None,
-    comment: str = "#",
+    comment: str | tuple[str, ...] = "#",
     skip: int = 0,
+    cut_off: dict[int, RowProblem] | None = None,
 ) -> Iterator[tuple[int, list[str]]]:
     """Split a text table row by row, checking the number of columns; see `parse_rows`.
+
+    A last line without an end and without all its columns was cut off while it was written: it
+    is noted in `cut_off`, where that is given.
 
     Yields:
         The 1-based line number and the fields of each row.
@@ -124,15 +140,21 @@ def split_rows(
     while start < len(text):
         # Some of the text at a time: its lines would take as much room again.
         end = text.find("\n", start + _PART_CHARACTERS) + 1 or len(text)
-        for line in text[start:end].splitlines():
+        lines = text[start:end].splitlines()
+        last_number = number + len(lines)
+        for line in lines:
             number += 1
-            stripped = line.strip()
+            stripped = line.strip(" \r\n" if delimiter == "\t" else None)
             if number <= skip or not stripped or (comment and stripped.startswith(comment)):
                 continue
             row = [field.strip() for field in stripped.split(delimiter)]
             if len(row) not in columns:
                 wanted = f"{columns[0]}" if len(columns) == 1 else f"{columns[0]} to {columns[-1]}"
                 problem = f"expected {wanted} columns ({what}), got {len(row)}"
+                is_last = end == len(text) and number == last_number and text[-1] not in "\r\n"
+                if cut_off is not None and is_last and len(row) < columns[0]:
+                    cut_off[number] = RowProblem(problem, CUT_OFF)
+                    return
                 raise FormatError(path, problem, number)
             yield number, row
         start = end
@@ -164,36 +186,20 @@ def parse_rows(
     """
     rows = Rows(path, [], [])
     for number, row in split_rows(
-        path, text, columns, what=what, delimiter=delimiter, comment=comment, skip=skip
+        path,
+        text,
+        columns,
+        what=what,
+        delimiter=delimiter,
+        comment=comment,
+        skip=skip,
+        cut_off=rows.problems,
     ):
         rows.fields.append(row)
         rows.lines.append(number)
     if not len(rows):
         raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
     return rows
-
-
-def parse_numbers(
-    path: Path, text: str, columns: range, *, what: str
-) -> tuple[Rows, NDArray[np.float64]]:
-    """As `parse_rows`, of a table of numbers: text takes ten times their room, and is not kept.
-
-    Returns:
-        The rows without their fields, for messages, and the numbers, shape (rows, columns).
-
-    Raises:
-        FormatError: As `parse_rows`, or a field is not a number.
-    """
-    lines: list[int] = []
-    parts: list[NDArray[np.float64]] = []
-    rows = split_rows(path, text, columns, what=what)
-    while part := list(itertools.islice(rows, _PART_ROWS)):
-        numbers, fields = zip(*part, strict=True)
-        parts.append(Rows(path, list(fields), list(numbers)).numbers(slice(None)))
-        lines += numbers
-    if not lines:
-        raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
-    return Rows(path, [[]] * len(lines), lines), np.concatenate(parts)
 
 
 def read_headed_csv(path: Path, required: Sequence[str]) -> Rows:
@@ -219,7 +225,8 @@ def read_headed_csv(path: Path, required: Sequence[str]) -> Rows:
         path, text, range(width, width + 1), what=",".join(header), delimiter=",", skip=1
     )
     order = [header.index(name) for name in required]
-    return Rows(path, [[row[i] for i in order] for row in rows.fields], rows.lines)
+    fields = [[row[i] for i in order] for row in rows.fields]
+    return Rows(path, fields, rows.lines, rows.problems)
 
 
 def to_ticks(timestamp_s: NDArray[np.float64], per_second: int) -> list[int]:
@@ -258,5 +265,6 @@ def head_rows(head: bytes, delimiter: str | None = None, comment: str = "#") -> 
 def all_numbers(rows: list[list[str]], widths: range) -> bool:
     """Whether there are rows, all of them numbers and as wide as allowed."""
     return bool(rows) and all(
-        len(row) in widths and all(is_number(field) for field in row) for row in rows
+        len(row) in widths and all(is_number(field) or is_missing(field) for field in row)
+        for row in rows
     )

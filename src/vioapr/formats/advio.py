@@ -26,11 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, FormatError
-from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_rows
+from vioapr.files.tables import format_rows, parse_rows
 from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions, tum
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.poses import MAX_TIME_S, build_trajectory, pose_columns, poses_of, require_times
+from vioapr.formats.poses import build_trajectory, pose_columns, poses_of, require_times
+from vioapr.formats.table_guess import guess_formats
 from vioapr.formats.times import seconds_of
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
@@ -67,15 +68,18 @@ def gt_of_world_from_cam(world_from_cam: Rigid3) -> Rigid3:
 
 
 def _sniff(path: Path, head: bytes, *, is_tracker: bool) -> float:
-    rows = head_rows(head, ",")
-    if not all_numbers(rows, range(8, 9)) or any(abs(float(row[0])) > MAX_TIME_S for row in rows):
-        return 0.0
+    guesses = guess_formats(head)
+    guess = guesses.get("advio-vio" if is_tracker else "advio-gt", 0.0)
+    if not guesses.keys() & {"advio-vio", "advio-gt"}:
+        return guess
+    # The data set's own names: advio-01/iphone/arkit.csv, advio-01/ground-truth/pose.csv.
     name = plain_name(path)
+    is_own = name in ("arkit.csv", "arcore.csv", "pose.csv") or "advio" in name
     names_tracker = any(word in name for word in ("arkit", "arcore"))
     names_truth = not names_tracker and ("gt_pose" in name or name == "pose.csv")
-    if names_tracker or names_truth:
+    if is_own and (names_tracker or names_truth):
         return 0.9 if is_tracker == names_tracker else 0.1
-    return 0.4 if is_tracker else 0.3
+    return guess
 
 
 def _read(path: Path, options: ReadOptions, *, is_tracker: bool) -> Trajectory:

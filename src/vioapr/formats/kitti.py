@@ -5,48 +5,87 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_rows
+from vioapr.files.tables import Rows, format_rows
 from vioapr.files.text import has_suffix, read_text, write_text
-from vioapr.formats.base import Format, ReadOptions
+from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, index_times, rigid_of_matrices
+from vioapr.formats.table_guess import MatrixColumns, find_matrix, guess_formats, is_index
+from vioapr.formats.table_head import look_at
+from vioapr.formats.table_rows import read_columns
+from vioapr.formats.times import seconds_of
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"
 
 
 def sniff(path: Path, head: bytes) -> float:
-    """Likely of 12 numbers a row; 13, a frame number first, are less usual."""
-    rows = head_rows(head)
-    if all_numbers(rows, range(12, 13)):
-        return 1.0 if has_suffix(path, ".kitti") else 0.8
-    return 0.6 if all_numbers(rows, range(13, 14)) else 0.0
+    """Likely of 12 or 16 numbers a row that hold a rotation, alone or after one more."""
+    confidence = guess_formats(head).get("kitti", 0.0)
+    return 1.0 if confidence and has_suffix(path, ".kitti") else confidence
 
 
 def read(path: Path, options: ReadOptions) -> Trajectory:
-    """Read world_from_cam poses; untimed unless a rate is given.
+    """Read world_from_cam poses; untimed unless the first column or a rate gives times.
 
-    A 13th number in front, as visual odometries write it, is the frame's number.
+    A number before the matrix is the frame's number where it counts (0, 1, 2, 4), as visual
+    odometries write it, and else its time. Matrices of 4x4, or written column by column
+    (the translation last), are read, too.
 
     Raises:
         FileError: It cannot be read or is malformed, naming file and line.
     """
-    rows = parse_rows(path, read_text(path), range(12, 14), what=_COLUMNS)
-    width = len(rows.fields[0])
-    for fields, line in zip(rows.fields, rows.lines, strict=True):
-        if len(fields) != width:
-            raise FormatError(path, f"expected {width} columns as above, got {len(fields)}", line)
-    poses = rigid_of_matrices(rows, rows.numbers(slice(-12, None)).reshape(-1, 3, 4))
-    times = index_times(len(rows), options)
-    if width == 13 and options.rate_hz is not None:
-        numbers = rows.numbers([0])[:, 0]
-        is_whole = (np.abs(numbers) < 1e15) & (numbers == np.trunc(numbers))
-        if not is_whole.all():
-            line = rows.lines[int(np.argmin(is_whole))]
-            raise FormatError(path, "expected a whole frame number in the first of 13", line)
-        times = numbers / options.rate_hz
-    return build_trajectory(rows, times, poses, options, is_timed=options.rate_hz is not None)
+    rows, matrices, leading = read_matrices(path, options)
+    poses = rigid_of_matrices(rows, matrices)
+    if leading is None:
+        times, is_timed = index_times(len(rows), options), options.rate_hz is not None
+    else:
+        times, is_timed = times_of_leading(path, leading, options)
+    return build_trajectory(rows, times, poses, options, is_timed=is_timed)
+
+
+def read_matrices(
+    path: Path, options: ReadOptions
+) -> tuple[Rows, NDArray[np.float64], list[int | float] | None]:
+    """Read rows of a matrix each, and what is before it.
+
+    Returns:
+        The rows; matrices of shape (n, 3, 4); the number in front of each, or None.
+
+    Raises:
+        FileError: It cannot be read or is malformed, naming file and line.
+    """
+    text = read_text(path)
+    head = look_at(text[:HEAD_BYTES].encode("utf-8", "replace"))
+    if head is None or head.width not in (12, 13, 16, 17):
+        got = "none" if head is None else f"{head.width}"
+        line = None if head is None else head.header_lines + 1
+        raise FormatError(path, f"expected 12, 13, 16 or 17 columns ({_COLUMNS}), got {got}", line)
+    table = read_columns(path, head, text, range(head.width), None, _COLUMNS)
+    found = find_matrix(table.values)
+    if found is None and head.width > 13:
+        line = table.rows.lines[0]
+        raise FormatError(path, "expected a rotation matrix and 0 0 0 1 in every row", line)
+    found = found or MatrixColumns(head.width - 12, tuple(range(12)), is_transposed=False)
+    if found.is_transposed:
+        text = "matrices are written column by column, the translation last: transposed"
+        options.note(path, text, is_warning=False)
+    entries = table.values[:, found.first :][:, list(found.columns)]
+    return table.rows, entries.reshape(-1, 3, 4), table.ticks if found.first else None
+
+
+def times_of_leading(
+    path: Path, leading: list[int | float], options: ReadOptions
+) -> tuple[NDArray[np.float64], bool]:
+    """Times of the numbers before matrices, and whether they are seconds of a clock."""
+    numbers = np.array(leading, dtype=np.float64)
+    if options.time_unit is not None or not is_index(numbers):
+        return seconds_of(path, leading, options), True
+    if options.rate_hz is None:
+        return np.arange(len(numbers), dtype=np.float64), False
+    return numbers / options.rate_hz, True
 
 
 def write(path: Path, trajectory: Trajectory) -> None:

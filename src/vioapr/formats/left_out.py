@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
-from vioapr.files.tables import RowProblem, Rows
+from vioapr.files.tables import CUT_OFF, RowProblem, Rows
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.notes import LeftOutRow
 
@@ -68,6 +68,7 @@ def find_sound_rows(
     if late:
         _raise_if_misordered(rows, late, len(sound))
         problems |= late
+    _report_cut_off(rows, options)
     if problems:
         if options.strict:
             _raise(rows, problems, min(problems, key=lambda row: rows.lines[row]), names)
@@ -171,6 +172,17 @@ def _raise_if_misordered(rows: Rows, late: dict[int, RowProblem], count: int) ->
     if length > _MAX_BACKWARD_RUN or 2 * len(late) > count:
         what = f"{late[first].error}: {len(late)} of {count} rows are out of order: two runs?"
         raise FormatError(rows.path, what, rows.lines[first])
+
+
+def _report_cut_off(rows: Rows, options: ReadOptions) -> None:
+    """Say that the last row was cut off: it is none of the rows, so it has no pose at all."""
+    for line, problem in rows.problems.items():
+        if problem.summary == CUT_OFF:
+            if options.strict:
+                raise FormatError(rows.path, problem.error, line)
+            options.leave_out([LeftOutRow(rows.path, line, problem.error)])
+            text = f"the file ends in the middle of line {line}: left out"
+            options.note(rows.path, text, is_warning=True, lines=[line])
 
 
 def _report(

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vioapr.errors import FormatError, ParameterError
-from vioapr.files.tables import Rows, all_numbers, format_rows, head_rows, parse_rows
+from vioapr.files.tables import (
+    CUT_OFF,
+    RowProblem,
+    Rows,
+    format_rows,
+    is_missing,
+    is_number,
+)
 from vioapr.files.text import natural_key, read_text, write_text
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.poses import build_trajectory, pose_columns, poses_of
@@ -19,6 +26,7 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import UNIT_TOLERANCE, Trajectory
 
 _WXYZ = (3, 0, 1, 2)
+_SNIFFED_ROWS, _SNIFFED_BYTES = 20, 16384
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,8 @@ class NamedText:
         is_quat_first: Whether the quaternion (always wxyz) comes before the position.
         extra: Names of further columns.
         required_extra: How many of them every row must have.
-        header: Lines before the rows, to write; as many are passed over when reading.
+        header: Lines before the rows, to write; up to as many that are no rows are passed over
+            when reading.
         target: Name of the target frame.
     """
 
@@ -54,17 +63,69 @@ class NamedText:
             FileError: It cannot be read or is malformed, naming file and line.
             ParameterError: The options do not fit the file's sequences.
         """
-        widths = range(8 + self.required_extra, 9 + len(self.extra))
-        text = read_text(path)
-        if self.header and all_numbers([text.split("\n")[0].split()[1:]], range(7, 8)):
-            problem = f"expected {len(self.header)} header lines, got a row of {self.what}"
-            raise FormatError(path, problem, 1)
-        rows = parse_rows(path, text, widths, what=self.what, skip=len(self.header))
+        rows = self._rows(path, read_text(path))
         values = rows.numbers(slice(1, 8))
         if self.is_quat_first:
             values = values[:, [4, 5, 6, 0, 1, 2, 3]]
         poses = poses_of(rows, values[:, :3], values[:, [4, 5, 6, 3]])
         return build_named(rows, rows.column(0), self.convert(poses), options, target=self.target)
+
+    def _rows(self, path: Path, text: str) -> Rows:
+        """Rows of a name, which may have spaces, and numbers; header lines are passed over."""
+        rows = Rows(path, [], [])
+        lines = text.splitlines()
+        for number, line in enumerate(lines, start=1):
+            stripped = line.strip()
+            if not stripped or stripped.startswith("#"):
+                continue
+            fields = self._fields(stripped)
+            if fields is not None:
+                rows.fields.append(fields)
+                rows.lines.append(number)
+                continue
+            words = stripped.split()
+            if not len(rows) and number <= len(self.header) and sum(map(is_number, words)) < 3:
+                continue
+            wanted = len(self.what.split()) - len(self.extra) + self.required_extra
+            if len(words) >= wanted:
+                bad = next((w for w in words[1 : 8 + self.required_extra] if not is_number(w)), "")
+                raise FormatError(path, f"expected a number, got {bad[:40]!r}", number)
+            problem = f"expected {wanted} columns ({self.what}), got {len(words)}"
+            if number < len(lines) or text.endswith("\n") or not len(rows):
+                raise FormatError(path, problem, number)
+            rows.problems[number] = RowProblem(problem, CUT_OFF)
+        if not len(rows):
+            raise FormatError(path, f"expected rows of {self.what}, got none: the file is empty")
+        return rows
+
+    def _fields(self, line: str) -> list[str] | None:
+        """The name and the numbers of a row; None if it is none.
+
+        A name may have spaces, and may end in a number: then the quaternion tells where it ends.
+        """
+        words = line.split()
+        least, most = 7 + self.required_extra, 7 + len(self.extra)
+        found: list[str] | None = None
+        for count in range(min(most, len(words) - 1), least - 1, -1):
+            numbers = words[len(words) - count :]
+            if not all(is_number(word) or is_missing(word) for word in numbers):
+                continue
+            fields = [line.rsplit(maxsplit=count)[0], *numbers]
+            name_words = words[: len(words) - count]
+            is_sound = self._has_unit_quaternion(fields) or _is_nothing(numbers)
+            if len(name_words) == 1:
+                if is_sound or count == least:
+                    return fields
+                found = fields  # its quaternion is wrong, unless the name ends in a number
+            elif is_sound and not all(map(is_number, name_words)):
+                return fields
+        return found
+
+    def _has_unit_quaternion(self, fields: list[str]) -> bool:
+        quat = fields[1:5] if self.is_quat_first else fields[4:8]
+        if any(map(is_missing, quat)):
+            return False
+        return abs(math.hypot(*map(float, quat)) - 1) <= UNIT_TOLERANCE
 
     def write(self, path: Path, trajectory: Trajectory) -> None:
         """Write all digits; columns that a trajectory does not know are 0.
@@ -84,26 +145,38 @@ class NamedText:
         write_text(path, header + format_rows(rows, " "))
 
     def fits(self, head: bytes) -> bool:
-        """Whether a file's first rows have these columns, the quaternion in its place."""
-        rows = head_rows(head)
-        widths = range(7 + self.required_extra, 8 + len(self.extra))
-        if not all_numbers([row[1:] for row in rows], widths) or any(
-            is_all_digits(row[0]) for row in rows
-        ):
+        """Whether a file's first rows have these columns, the quaternion in its place.
+
+        Rows without a pose, of NaN or zeros, do not count.
+        """
+        if b"\0" in head:
             return False
-        values = np.array([row[1:8] for row in rows], dtype=np.float64)
-        return bool(is_unit(values[:, :4] if self.is_quat_first else values[:, 3:]).all())
+        lines = head[:_SNIFFED_BYTES].decode("utf-8", "replace").removeprefix("\ufeff").splitlines()
+        lines = lines[:-1] if len(head) > _SNIFFED_BYTES else lines
+        lines = [line.strip() for line in lines]
+        rows = [line for line in lines if line and not line.startswith("#")]
+        while self.header and rows and sum(map(is_number, rows[0].split())) < 3:
+            rows = rows[1:]
+        count = 0
+        for line in rows[:_SNIFFED_ROWS]:
+            fields = self._fields(line)
+            if fields is None or is_all_digits(fields[0]):
+                return False
+            is_nothing = _is_nothing(fields[1:8])
+            if not is_nothing and not self._has_unit_quaternion(fields):
+                return False
+            count += not is_nothing
+        return count > 0
+
+
+def _is_nothing(numbers: Sequence[str]) -> bool:
+    """Whether a row's numbers are all missing or 0, as of a lost frame."""
+    return all(is_missing(number) or float(number) == 0 for number in numbers)
 
 
 def is_all_digits(name: str) -> bool:
     """Whether a name is rather a number, so that the row has no name."""
     return re.fullmatch(r"[-+.\deE]+", name) is not None
-
-
-def is_unit(quats: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which rows are unit quaternions, within the tolerance of text files."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.abs(np.sqrt((quats**2).sum(axis=1)) - 1) <= UNIT_TOLERANCE
 
 
 def build_named(
@@ -128,13 +201,17 @@ def build_named(
         ParameterError: No such sequence, or a rate for several sequences at once.
     """
     seen: dict[str, int] = {}
-    for name, line in zip(names, rows.lines, strict=True):
+    for row, (name, line) in enumerate(zip(names, rows.lines, strict=True)):
         if any("\ud800" <= letter <= "\udfff" for letter in name):
             raise FormatError(rows.path, f"expected an image name in UTF-8, got {name!r}", line)
-        if name in seen:
-            problem = f"expected each image once, got {name!r} again (first in line {seen[name]})"
+        first = seen.setdefault(name, row)
+        if first == row:
+            continue
+        first_line = rows.lines[first]
+        problem = f"expected each image once, got {name!r} again (first in line {first_line})"
+        if not rows.fields[row] or rows.fields[row][1:] != rows.fields[first][1:]:
             raise FormatError(rows.path, problem, line)
-        seen[name] = line
+        rows.problems[line] = RowProblem(problem, f"repeats line {first_line}")
     kept = rows_of_sequence(rows.path, names, options)
     kept.sort(key=lambda row: natural_key(names[row]))
     rows, names = rows.at(kept), [names[row] for row in kept]
@@ -147,6 +224,10 @@ def build_named(
                 problem = f"expected a frame number in the image name {name!r}, to make its time of"
                 raise FormatError(rows.path, problem, line)
             times[row] = int(digits[-1]) / options.rate_hz
+            is_repeated = row and times[row] == times[row - 1]
+            if is_repeated and names[row] != names[row - 1]:
+                problem = f"the number of {name!r} is a duplicate of that of {names[row - 1]!r}"
+                raise FormatError(rows.path, problem, line)
     return build_trajectory(
         rows,
         times,

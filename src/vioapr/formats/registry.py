@@ -14,6 +14,7 @@ from vioapr.formats import (
     cambridge,
     colmap,
     colmap_binary,
+    data_loggers,
     euroc,
     hloc,
     hrapr,
@@ -25,6 +26,7 @@ from vioapr.formats import (
     scancapture,
     sevenscenes,
     stray,
+    table,
     tum,
 )
 from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
@@ -33,6 +35,7 @@ from vioapr.trajectory import Trajectory
 
 _ALL = (
     tum.FORMAT,
+    table.FORMAT,
     euroc.FORMAT,
     kitti.FORMAT,
     colmap.FORMAT,
@@ -52,6 +55,8 @@ _ALL = (
     record3d.FORMAT,
     scancapture.FORMAT,
     aria.FORMAT,
+    data_loggers.ARKIT_FORMAT,
+    data_loggers.ARCORE_FORMAT,
 )
 
 LEAST_CONFIDENCE = 0.6

@@ -24,6 +24,8 @@ _UNIX_S = (9e8, 4.2e9)
 """Dates of 1998 to 2103, in seconds since 1970."""
 
 _MAX_UNIX_STEP_S = 60.0
+_LEAST_SURE = 1e11
+"""Larger times are no seconds of any clock."""
 _LARGEST_STEP: tuple[tuple[TimeUnit, float], ...] = (("s", 10.0), ("ms", 2e3), ("us", 2e6))
 _LARGEST_VALUE: tuple[tuple[TimeUnit, float], ...] = (("s", 1e10), ("ms", 1e13), ("us", 1e16))
 
@@ -88,15 +90,11 @@ def seconds_of(
     if unit is None:
         unit, is_date = find_time_unit(values)
         if unit != "s":
+            is_sure = is_date or float(np.nanmedian(np.abs(values))) > _LEAST_SURE
             name = UNIT_NAMES[unit]
-            text = (
-                f"times are {name}"
-                if is_date
-                else (
-                    f"times are taken for {name}, by their steps: if they are not, say `time_unit`"
-                )
-            )
-            options.note(path, text, is_warning=not is_date)
+            guess = f"times are taken for {name}, by their steps: if they are not, say `time_unit`"
+            text = f"times are {name}" if is_sure else guess
+            options.note(path, text, is_warning=not is_sure)
     if unit == "s":
         return values
     if isinstance(ticks, np.ndarray):

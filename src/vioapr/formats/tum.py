@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vioapr.files.tables import all_numbers, format_rows, head_rows, parse_numbers
-from vioapr.files.text import has_suffix, read_text, write_text
+from vioapr.files.tables import format_rows
+from vioapr.files.text import has_suffix, write_text
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.poses import build_trajectory, pose_columns, poses_of, require_times
+from vioapr.formats.poses import build_trajectory, pose_columns, require_times
+from vioapr.formats.table_guess import guess_formats
+from vioapr.formats.table_rows import read_ordered
 from vioapr.formats.times import seconds_of
 from vioapr.trajectory import Trajectory
 
@@ -15,22 +17,23 @@ _COLUMNS = "timestamp x y z qx qy qz qw"
 
 
 def sniff(path: Path, head: bytes) -> float:
-    """Sure of 8 numbers a row under the name .tum; likely under any other name."""
-    if not all_numbers(head_rows(head), range(8, 9)):
-        return 0.0
-    return 1.0 if has_suffix(path, ".tum") else 0.7
+    """Sure of a comment that names the columns; likely of such numbers, surest as .tum."""
+    confidence = guess_formats(head).get("tum", 0.0)
+    return 1.0 if confidence and has_suffix(path, ".tum") else confidence
 
 
 def read(path: Path, options: ReadOptions) -> Trajectory:
-    """Read world_from_cam poses; timestamps are in seconds, or in a unit that their values tell.
+    """Read world_from_cam poses; commas, semicolons and tabs divide fields as spaces do.
+
+    Timestamps are in seconds, or in a unit that their values tell. Columns after the
+    quaternion, as of covariances, are passed over.
 
     Raises:
         FileError: It cannot be read or is malformed, naming file and line.
     """
-    rows, values = parse_numbers(path, read_text(path), range(8, 9), what=_COLUMNS)
-    poses = poses_of(rows, values[:, 1:4], values[:, 4:8])
-    times = seconds_of(path, values[:, 0], options)
-    return build_trajectory(rows, times, poses, options)
+    columns, poses = read_ordered(path, options, _COLUMNS, "xyzw")
+    times = seconds_of(path, columns.ticks, options)
+    return build_trajectory(columns.rows, times, poses, options)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:

@@ -1,0 +1,129 @@
+"""Tables whose header names their columns, with any delimiter: the logs that people have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from vioapr.errors import FormatError, ParameterError
+from vioapr.files.tables import format_rows, is_number
+from vioapr.files.text import read_text, write_text
+from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
+from vioapr.formats.columns import Layout, names_euler_angles
+from vioapr.formats.named import build_named, writable_names
+from vioapr.formats.poses import build_trajectory, index_times, pose_columns, poses_of
+from vioapr.formats.table_guess import guess_formats
+from vioapr.formats.table_head import look_at
+from vioapr.formats.table_rows import read_columns, say_passed_over
+from vioapr.formats.times import seconds_of
+from vioapr.trajectory import Trajectory
+
+
+def sniff(path: Path, head: bytes) -> float:
+    """Sure of a header that names time or image, position and quaternion."""
+    del path
+    return guess_formats(head).get("table", 0.0)
+
+
+def read(path: Path, options: ReadOptions) -> Trajectory:
+    """Read poses of the columns that a header names, timed or named where it has such columns.
+
+    Raises:
+        FileError: It cannot be read or is malformed, naming file and line, or its header does
+            not name a position and a quaternion.
+        ParameterError: The options do not fit the file's sequences.
+    """
+    text = read_text(path)
+    head = look_at(text[:HEAD_BYTES].encode("utf-8", "replace"))
+    if head is None or head.names is None:
+        raise FormatError(path, "expected a header that names the columns of poses, found none")
+    layout = head.layout
+    if layout is None:
+        raise FormatError(path, _why_no_layout(head.names), max(head.header_lines, 1))
+    is_timed = layout.time is not None
+    leading = [i for i in (layout.time,) if i is not None]
+    leading += [i for i in (layout.nanoseconds,) if i is not None]
+    pose = [*layout.position, *layout.quat_xyzw]
+    image = next((i for i in layout.images if not is_number(head.rows[0][i])), None)
+    what = ",".join(head.names)
+    columns = read_columns(path, head, text, [*leading, *pose], image, what)
+    values = columns.values[:, len(leading) :]
+    poses = poses_of(columns.rows, values[:, :3] * layout.metres, values[:, 3:])
+    _say_columns(path, options, layout)
+    if not is_timed and columns.texts is not None:
+        return build_named(columns.rows, columns.texts, poses, options)
+    if layout.time is not None:
+        ticks: list[int | float] = columns.ticks
+        fixed = layout.time_unit
+        if layout.nanoseconds is not None:
+            ticks = [a + b / 1e9 for a, b in zip(ticks, columns.values[:, 1].tolist(), strict=True)]
+            fixed = "s"
+        times = seconds_of(path, ticks, options, fixed)
+    else:
+        times = index_times(len(columns.rows), options)
+    is_timed = is_timed or options.rate_hz is not None
+    return build_trajectory(
+        columns.rows, times, poses, options, names=columns.texts, is_timed=is_timed
+    )
+
+
+def _why_no_layout(names: Sequence[str]) -> str:
+    named = ", ".join(name for name in names if name)
+    if names_euler_angles(names):
+        return (
+            f"expected a quaternion, got angles ({named}): Euler angles have many conventions "
+            "and are not read: write qx, qy, qz, qw instead"
+        )
+    return f"expected a header that names x, y, z, qx, qy, qz and qw, got {named[:200]}"
+
+
+def _say_columns(path: Path, options: ReadOptions, layout: Layout) -> None:
+    for rival in layout.rivals:
+        options.note(path, rival, is_warning=True)
+    if layout.time_rival is not None:
+        options.note(path, layout.time_rival, is_warning=False)
+    if layout.metres != 1:
+        options.note(path, f"positions are in units of {layout.metres:g} m", is_warning=False)
+    say_passed_over(path, options, len(layout.passed_over))
+
+
+def write(path: Path, trajectory: Trajectory) -> None:
+    """Write all digits, with an image column where the trajectory has names.
+
+    Raises:
+        ParameterError: The trajectory has neither timestamps nor names, or a name that the
+            format cannot hold.
+        UnwritableError: The file cannot be written.
+    """
+    names = None if trajectory.names is None else writable_names(trajectory, ",")
+    if not trajectory.is_timed and names is None:
+        raise ParameterError(
+            "a table needs timestamps or image names, and the trajectory has none: give the rate "
+            "of its frames (`rate_hz`)"
+        )
+    header = ["x", "y", "z", "qx", "qy", "qz", "qw"]
+    rows: list[list[object]] = [list(row) for row in pose_columns(trajectory.target_from_source)]
+    if names is not None:
+        header = ["image", *header]
+        rows = [[name, *row] for name, row in zip(names, rows, strict=True)]
+    if trajectory.is_timed:
+        header = ["timestamp_s", *header]
+        times = trajectory.timestamp_s.tolist()
+        rows = [[time, *row] for time, row in zip(times, rows, strict=True)]
+    write_text(path, ",".join(header) + "\n" + format_rows(rows, ","))
+
+
+FORMAT = Format(
+    name="table",
+    title="Table with named columns",
+    convention=(
+        "a header that names time or image, position and quaternion, with any delimiter; taken "
+        "for world_from_cam, OpenCV axes, metres; unit of time as named or found"
+    ),
+    extensions=(".csv", ".txt", ".tsv"),
+    sniff=sniff,
+    read=read,
+    write=write,
+    has_times=True,
+    has_names=True,
+)
