@@ -119,7 +119,8 @@ def test_bad_files_get_one_line_that_names_them(fails, files, tmp_path, content,
     bad = tmp_path / "bad.tum"
     bad.write_bytes(content)
     for named in (["--apr-format", "tum"], []):
-        line = fails("fuse", "--apr", bad, *files[2:], *named, "--out", tmp_path / "f.csv")
+        out = "--out", tmp_path / "f.csv"
+        line = fails("fuse", "--apr", bad, *files[2:], *named, *out, "--strict")
         assert str(bad) in line
         assert any(m in line for m in message), line
 

@@ -7,12 +7,15 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import progress, say
+from vioapr.cli.console import progress, say, warn_of_tracks
 from vioapr.cli.method_params import MethodParams, params_for
+from vioapr.cli.tracks import AUTO, read_track, turn_to_camera
 from vioapr.files.outputs import check_outputs
 from vioapr.formats import tum
-from vioapr.formats.registry import read_trajectory
+from vioapr.formats.base import ReadOptions, TimeUnit
+from vioapr.formats.pair_checks import Track
 from vioapr.formats.stated_sigmas import path_beside, read_sigmas, read_sigmas_beside
+from vioapr.formats.walk_checks import check_walk
 from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import View, fuse_walk
@@ -34,6 +37,9 @@ def fuse(
     apr_format: str | None = None,
     vio_format: str | None = None,
     apr_sigma: Path | None = None,
+    vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
+    time_unit: TimeUnit | None = None,
+    strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
 ) -> None:
@@ -60,14 +66,28 @@ def fuse(
         apr_sigma: What the regressor states of each prediction's error, a CSV with columns
             timestamp_s,sigma_position_m,sigma_orientation_deg (default: the file beside the
             predictions whose name ends in .sigma.csv instead, if there is one).
+        vio_from_cam: For a tracker that gives poses of an IMU's body (VINS, OpenVINS, Basalt,
+            Kimera, Aria), or images turned since: how its camera is mounted, so that vio_from_cam
+            can be had. auto estimates it by the predictions; FILE holds the constant transform
+            body_from_cam: 4x4 numbers, EuRoC's sensor.yaml, Kalibr's camchain, or the
+            calibration of OpenVINS, VINS-Fusion, ORB-SLAM3 or Basalt.
+        time_unit: Unit of both files' times; by default found from their values.
+        strict: Refuse what is otherwise fused with a warning, and write nothing.
         overwrite: Replace the files to write if they exist; never one that is read.
         params: Parameters of the methods.
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
     inputs = [apr, vio, apr_sigma or path_beside(apr)]
+    if vio_from_cam not in (None, AUTO):
+        inputs.append(Path(vio_from_cam))
     check_outputs([out, tum_out], inputs, overwrite=overwrite)
-    predictions = read_trajectory(apr, apr_format)
-    tracked = read_trajectory(vio, vio_format)
+    options = ReadOptions(time_unit=time_unit, strict=strict)
+    predictions = read_track(apr, apr_format, options, "apr_format")
+    tracked = read_track(vio, vio_format, options, "vio_format")
+    if vio_from_cam is not None:
+        tracked = turn_to_camera(tracked, str(vio), vio_from_cam, predictions, tolerance_s)
+    tracks = Track(str(apr), "apr", predictions), Track(str(vio), "vio", tracked)
+    warn_of_tracks(check_walk(tracks[:1], tracks[1:], tolerance_s=tolerance_s), strict=strict)
     if apr_sigma is None:
         sigmas = read_sigmas_beside(apr, predictions)
     else:

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from vioapr.errors import AssociationError
+from vioapr.formats.anomalies import check_motion
 from vioapr.formats.common_motion import CommonFrames, estimate_scale, find_common_frames
 from vioapr.formats.readings import HAND_EYE_TITLE, READINGS, Comparison, compare_readings
 from vioapr.formats.track_roles import are_same, are_swapped, jitter_m, spread_m
@@ -38,14 +39,19 @@ class Track:
     """One of the two tracks.
 
     Attributes:
-        name: For people, usually the file's path.
+        path: The file, as the user named it.
         role: What it was given as.
         poses: The track.
     """
 
-    name: str
+    path: str
     role: Role
     poses: Trajectory
+
+    @property
+    def name(self) -> str:
+        """For people: the last part of the path."""
+        return self.path.rstrip("/").rsplit("/", 1)[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,16 +96,32 @@ def check_pair(
     except AssociationError:
         return PairReport(tuple(found))  # pairing the frames says what is wrong
     comparison = compare_readings(common)
-    if are_same(common):
-        return PairReport((_warn_of_same(reference, suspect),), comparison)
-    if (reference.role, suspect.role) == ("apr", "vio") and are_swapped(common.swapped()):
-        found.append(_warn_of_roles(reference, suspect))
-    other = None if is_reference_known else compare_readings(common.swapped())
+    found += check_sources(reference, suspect, common)
+    if any(warning.kind == "same" for warning in found):
+        return PairReport(tuple(found), comparison)
+    # Where the suspect fits as it is, so does the reference: the residuals are the same.
+    is_known = is_reference_known or comparison.as_read_fits
+    other = None if is_known else compare_readings(common.swapped())
     warning, common = _check_convention(reference, suspect, common, comparison, other)
     found += [warning] if warning else []
     if warning is None or warning.kind != "no-fit":
         found += _check_scale(reference, suspect, common, is_reference_known=is_reference_known)
     return PairReport(tuple(found), comparison)
+
+
+def check_sources(reference: Track, suspect: Track, common: CommonFrames) -> list[TrackWarning]:
+    """Find out whether two tracks are one, or given in each other's place.
+
+    Args:
+        reference: See `check_pair`.
+        suspect: See `check_pair`.
+        common: Their frames, the suspect's left.
+    """
+    if are_same(common):
+        return [_warn_of_same(reference, suspect)]
+    if (reference.role, suspect.role) == ("apr", "vio") and are_swapped(common.swapped()):
+        return [_warn_of_roles(reference, suspect)]
+    return []
 
 
 def find_clock_shift_s(reference: Trajectory, suspect: Trajectory) -> float | None:
@@ -139,7 +161,7 @@ def _find_time_unit(reference: Track, suspect: Track) -> TrackWarning | None:
                 return TrackWarning(
                     "time-unit",
                     f"{one.name}: the timestamps fit {other.name} as {_UNIT_NAMES[unit]}",
-                    f"convert it with `vioapr convert {one.name} fixed.tum --time-unit {unit}`",
+                    f"convert it with `vioapr convert {one.path} fixed.tum --time-unit {unit}`",
                 )
     return None
 
@@ -150,7 +172,7 @@ def _warn_of_clock(reference: Track, suspect: Track, shift_s: float) -> TrackWar
         "clock",
         f"{suspect.name}: the clock is {abs(shift_s):.3g} s {direction} that of {reference.name} "
         "(by the turns of both)",
-        f"convert it with `vioapr convert {suspect.name} fixed.tum --shift-s={shift_s:.3f}`",
+        f"convert it with `vioapr convert {suspect.path} fixed.tum --shift-s={shift_s:.3f}`",
     )
 
 
@@ -198,6 +220,14 @@ def _check_convention(
             and HAND_EYE_TITLE not in (first.title, second.title)
         )
     )
+    is_either = first is not None and second is not None and not is_reference
+    if is_either and HAND_EYE_TITLE not in (first.title, second.title):
+        # The motion of each by itself may tell which of the two is wrong.
+        suspect_moves, reference_moves = (
+            check_motion(part) is None for part in (common.left, common.right)
+        )
+        is_either = suspect_moves == reference_moves
+        is_reference = suspect_moves and not reference_moves
     if is_reference:
         assert of_reference is not None
         track, other, compared, fit = reference, suspect, of_reference, second
@@ -215,13 +245,13 @@ def _check_convention(
     else:
         reading = next(reading for reading in READINGS if reading.title == fit.title)
         poses = reading.change(poses)
-        either = f", or {other.name} does" if first and second and not is_reference else ""
+        either = f"; or {other.name} does" if is_either else ""
         warning = TrackWarning(
             "convention",
-            f"{track.name} fits {other.name} as {reading.title} (rotations differ by "
-            f"{fit.rotation_deg:.1f} deg instead of {now.rotation_deg:.1f} deg, directions by "
-            f"{fit.direction_deg:.0f} deg instead of {now.direction_deg:.0f} deg{either})",
-            f"convert it with `vioapr convert {track.name} fixed.tum --reading {reading.name}`",
+            f"{track.name} fits {other.name} as {reading.title}, with rotations off by "
+            f"{fit.rotation_deg:.1f} instead of {now.rotation_deg:.1f} deg and directions by "
+            f"{fit.direction_deg:.0f} instead of {now.direction_deg:.0f} deg{either}",
+            f"convert it with `vioapr convert {track.path} fixed.tum --reading {reading.name}`",
         )
     fixed = part.with_transforms(poses)
     return warning, replace(common, **{"right" if is_reference else "left": fixed})
@@ -294,7 +324,7 @@ def _check_scale(
     yield TrackWarning(
         "scale",
         f"{track.name}: lengths are {scale:.3g} times those of {other.name}{named}",
-        f"convert it with `vioapr convert {track.name} fixed.tum --scale {_factor(scale, unit)}`",
+        f"convert it with `vioapr convert {track.path} fixed.tum --scale {_factor(scale, unit)}`",
     )
 
 

@@ -175,6 +175,14 @@ class Comparison:
         )
         return best if is_clear and self._evidence(best) > _EVIDENCE else None
 
+    @property
+    def as_read_fits(self) -> bool:
+        """Whether the track fits as it was read, so that no reading is worth looking for."""
+        now = self.as_read
+        return now.rotation_deg <= _CLEARLY_WRONG_DEG and not (
+            now.direction_deg > 2 * _CLEARLY_WRONG_DEG
+        )
+
     def _ratios(self, fit: Fit) -> tuple[float, float]:
         """A fit's residuals of rotation and direction over those of the track as read."""
         now = self.as_read

@@ -65,8 +65,8 @@ class HandEye(NamedTuple):
 
     @property
     def knows_arm(self) -> bool:
-        """Whether motion tells more of the lever arm than is known of any device."""
-        return bool(self.arm_sigma_m.max() < ARM_PRIOR_M / 2)
+        """Whether motion tells more of the lever arm, along some axis, than any device's size."""
+        return bool(self.arm_sigma_m.min() < ARM_PRIOR_M / 2)
 
 
 class LeverArm(NamedTuple):

@@ -7,6 +7,7 @@ the devices does not matter: of the 3x3 cross-correlation the best rotation is t
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ FloatArray = NDArray[np.float64]
 
 _STEP_S, _MAX_SAMPLES = 0.1, 20_000
 _WINDOW_S = 1.0
+_SMOOTHING_S = 1.0
 _LONGEST_GAP_S, _GAP_STEPS = 1.0, 3.0
 _LEAST_OVERLAP_S, _LEAST_OVERLAP_SHARE = 15.0, 0.3
 _CLIP = 3.0
@@ -27,6 +29,7 @@ _LEAST_POSES = 8
 _BLOCKS = 6
 _FINE_STEP_S, _FINE_REACH_S = 0.02, 0.6
 _LEAST_OFFSET_S, _LEAST_SIGMA_S, _SIGMAS = 0.1, 0.015, 5.0
+_LEAST_SMOOTHED_S = 0.3
 _LEAST_CORRELATION, _LEAST_LEAD = 0.5, 4.0
 
 
@@ -68,10 +71,23 @@ def find_clock_offset(left: Trajectory, right: Trajectory) -> ClockOffset | None
     tracks = (left, right)
     if not (left.is_timed and right.is_timed and min(len(left), len(right)) >= _LEAST_POSES):
         return None
+    found = _find(tracks, _WINDOW_S)
+    if found is None:
+        # Noise of single frames does less harm to longer turns, which tell less of short offsets.
+        smooth = (_without_outliers(left), _without_outliers(right))
+        found = _find(smooth, 2 * _WINDOW_S)
+        if found is None or abs(found.offset_s) < _LEAST_SMOOTHED_S:
+            return None
+    is_evident = abs(found.offset_s) > max(_LEAST_OFFSET_S, _SIGMAS * found.sigma_s)
+    return found if is_evident else None
+
+
+def _find(tracks: tuple[Trajectory, Trajectory], window_s: float) -> ClockOffset | None:
+    """The offset, maybe zero, at which turns over a window correlate clearly best, if one is."""
     durations = [float(track.timestamp_s[-1] - track.timestamp_s[0]) for track in tracks]
     frame_s = max(float(np.median(np.diff(track.timestamp_s))) for track in tracks)
     step_s = max(_STEP_S, max(durations) / _MAX_SAMPLES)
-    window_s = max(_WINDOW_S, 2 * frame_s)
+    window_s = max(window_s, 2 * frame_s)
     least_s = max(_LEAST_OVERLAP_S, _LEAST_OVERLAP_SHARE * min(durations))
     if min(durations) < least_s + window_s:
         return None
@@ -84,16 +100,32 @@ def find_clock_offset(left: Trajectory, right: Trajectory) -> ClockOffset | None
         peak = int(np.argmax(correlation))
         highest, coarse_s = float(correlation[peak]), float(offsets_s[peak])
         others = correlation[np.abs(offsets_s - coarse_s) > 2 * window_s]
-        independent = max(overlap[peak] * step_s / (2 * window_s), 1.0)
-        lead = (highest - others.max(initial=0.0)) * np.sqrt(independent) / (1 - highest**2 + 1e-9)
+        independent = max(float(overlap[peak]) * step_s / (2 * window_s), 1.0)
+        lead = highest - float(others.max(initial=0.0))
+        lead *= np.sqrt(independent) / (1 - highest**2 + 1e-9)
         if highest > _LEAST_CORRELATION and lead > _LEAST_LEAD:
             if abs(coarse_s) < step_s / 2:
-                return None
-            offset_s, sigma_s = _refine(left, right, coarse_s, window_s, step_s)
-            sigma_s = max(sigma_s, _LEAST_SIGMA_S)
-            is_evident = abs(offset_s) > max(_LEAST_OFFSET_S, _SIGMAS * sigma_s)
-            return ClockOffset(offset_s, sigma_s, highest) if is_evident else None
+                return ClockOffset(0.0, step_s, highest)
+            offset_s, sigma_s = _refine(tracks[0], tracks[1], coarse_s, window_s, step_s)
+            return ClockOffset(offset_s, max(sigma_s, _LEAST_SIGMA_S), highest)
     return None
+
+
+def _without_outliers(track: Trajectory) -> Trajectory:
+    """A track whose rotations are running medians over about a second.
+
+    Regressors take one place for another in single frames, and turn by tens of degrees.
+    """
+    step_s = float(np.median(np.diff(track.timestamp_s)))
+    width = 2 * max(round(_SMOOTHING_S / step_s / 2), 1) + 1
+    dots = (track.quat_xyzw[1:] * track.quat_xyzw[:-1]).sum(axis=1)
+    signs = np.cumprod(np.concatenate([[1.0], np.where(dots < 0, -1.0, 1.0)]))
+    padded = np.pad(track.quat_xyzw * signs[:, None], ((width // 2, width // 2), (0, 0)), "edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=0)
+    middle = np.asarray(np.median(windows, axis=-1), dtype=np.float64)
+    lengths = np.linalg.norm(middle, axis=1, keepdims=True)
+    kept = np.where(lengths > 0.5, middle / np.maximum(lengths, 1e-9), track.quat_xyzw)
+    return replace(track, quat_xyzw=kept)
 
 
 def _grid(track: Trajectory, step_s: float, window_s: float) -> FloatArray:
