@@ -18,20 +18,24 @@ from vioapr.schemas.map_summary import MapSummary
 
 def map_(
     scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")],
+    replace_gt: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     params: tyro.conf.OmitArgPrefixes[MappingParams] = MappingParams(),  # noqa: B008
 ) -> None:
     """Map a scene: structure from motion of its training recordings, metric and gravity-aligned.
 
     Writes map/ (a COLMAP model in the world frame: metres, z up), gt/<recording>.tum for training
     and test recordings, and the map's report. Test images do not change the map. A run that was
-    interrupted goes on where it was; delete .mapping/ in the scene to start over.
+    interrupted goes on where it was; delete .mapping/ in the scene to start over. Ground truth
+    that came from elsewhere is not replaced: the map's then goes to map/gt/.
 
     Args:
         scene: The scene's folder.
+        replace_gt: Replace ground truth that mapping did not write; it is copied to gt.backup-1/
+            (or -2, ...) first.
         params: How it is mapped.
     """
     opened = Scene.open(scene)
-    summary = map_scene(opened, params, progress)
+    summary = map_scene(opened, params, progress, replace_gt=replace_gt)
     with progress("drawing figures", FIGURES) as tick:
         page = write_map_report(Scene.open(scene), summary, tick)
     print_summary(summary)
@@ -75,5 +79,13 @@ def print_summary(summary: MapSummary) -> None:
                 names = [path.rsplit("/", 1)[-1] for path in paths]
                 more = f" and {len(names) - 5} more (all in map/map.json)" if names[5:] else ""
                 say(f"{id_}, {title}: {', '.join(names[:5])}{more}")
+    if summary.kept_gt:
+        say(
+            f"note: the ground truth in gt/ of {', '.join(summary.kept_gt)} is not mapping's and "
+            f"was kept; the map's is in {summary.gt_folder}/: --replace-gt puts it into gt/",
+            "yellow",
+        )
+    if summary.gt_backup:
+        say(f"the ground truth that was replaced is in {summary.gt_backup}/", "yellow")
     if summary.reused_steps:
         say(f"done before and not repeated: {', '.join(summary.reused_steps)}")

@@ -164,13 +164,7 @@ def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
     found: dict[Path, VioWalk] = {}
     for path in paths:
         if (path / SCENE_FILE).is_file():
-            scene = Scene.open(path)
-            ids = [id_ for id_ in scene.recording_ids if scene.gt_path(id_).exists()]
-            files = tuple(scene.tables())
-            walks = [
-                VioWalk(scene.gt_path(id_), files, partial(_read_recording, scene, id_))
-                for id_ in ids
-            ]
+            walks = find_walks_of_scene(Scene.open(path))
             if not walks:
                 raise FormatError(
                     path,
@@ -190,6 +184,16 @@ def find_vio_walks(paths: Sequence[Path]) -> list[VioWalk]:
             )
         found |= {walk.gt.resolve(): walk for walk in walks}
     return list(found.values())
+
+
+def find_walks_of_scene(scene: Scene) -> list[VioWalk]:
+    """All recordings of a scene that have ground truth."""
+    files = tuple(scene.tables())
+    return [
+        VioWalk(scene.gt_path(id_), files, partial(_read_recording, scene, id_))
+        for id_ in scene.recording_ids
+        if scene.gt_path(id_).exists()
+    ]
 
 
 def _read_recording(scene: Scene, id_: str, tolerance_s: float) -> list[VioTrack]:

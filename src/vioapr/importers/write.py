@@ -98,7 +98,7 @@ def write_recording(
     try:
         _write_files(partial, walk, settings, tick)
         if walk.gt is not None:
-            scene.write_gt(walk.id, walk.gt)
+            scene.write_gt(walk.id, walk.gt, "importer", walk.info.source)
         partial.rename(folder)
         if walk.info.is_diverging:
             scene = scene.with_excluded(walk.id, _DIVERGING)

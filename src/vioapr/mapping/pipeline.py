@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import MappingError
+from vioapr.files.atomic import restore_folder
 from vioapr.mapping import pairs
 from vioapr.mapping.alignment import align_model, poses_of_model
 from vioapr.mapping.colmap import load_pycolmap, open_database, read_model, write_model
 from vioapr.mapping.features import extract_features, image_ids, read_descriptors
 from vioapr.mapping.inputs import MapImages, collect_images
+from vioapr.mapping.kept import check_map_folder
 from vioapr.mapping.matching import MIN_INLIERS, count_inliers, find_islands, match_pairs
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import locate, prune_pairs
@@ -35,7 +37,11 @@ LIKENESS_FILE, PAIRS_FILE, ALL_PAIRS_FILE = "likeness.npy", "pairs.npy", "all_pa
 
 
 def map_scene(
-    scene: Scene, params: MappingParams | None = None, progress: Progress = silent
+    scene: Scene,
+    params: MappingParams | None = None,
+    progress: Progress = silent,
+    *,
+    replace_gt: bool = False,
 ) -> MapSummary:
     """Map a scene and find ground truth for all its recordings.
 
@@ -43,22 +49,29 @@ def map_scene(
     `gt/<id>.tum`, and puts the world into `scene.toml`. What is there already stays until all
     of the new is known. Steps that an earlier run finished are not repeated.
 
+    Ground truth that mapping did not write is not replaced: then all of the map's goes to
+    `map/gt/`, and the scene keeps its world. Other files in `map/` stay.
+
     Args:
         scene: With training recordings, and perhaps test recordings.
         params: How to map.
         progress: Opened for every part of the work that takes long.
+        replace_gt: Replace ground truth of others too; it is copied to `gt.backup-<number>/` first.
 
     Returns:
         The summary, as in `map.json`.
 
     Raises:
         MappingError: The recordings cannot be mapped.
+        AlreadyExistsError: `map/` holds a map that vioapr did not make.
         LockedError: Another process is mapping the scene.
         VioAprError: A recording is broken, a package is missing, or a file cannot be written.
     """
     load_pycolmap()
     p = params or MappingParams()
     with locked_folder(scene.folder / WORK_FOLDER):
+        restore_folder(scene.map_folder)
+        check_map_folder(scene)
         run = _Run(scene, collect_images(scene, p.max_rate_hz), p, progress)
         steps = Steps(run.folder)
         run.featureless = steps.run(
@@ -78,7 +91,7 @@ def map_scene(
         world = steps.run("world", [p.allow_partial], run.align, WorldSummary)
         tests = steps.run("test", [p.min_inliers], run.register_tests, list[RegisteredImage])
         results = Results(run.featureless, matches, models, world, tests, run.world)
-        return publish(scene, run.images, p, steps, results)
+        return publish(scene, run.images, p, steps, results, replace_gt=replace_gt)
 
 
 @dataclass(eq=False)

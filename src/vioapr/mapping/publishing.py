@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,12 +21,20 @@ from vioapr.mapping.alignment import poses_of_model
 from vioapr.mapping.colmap import read_model
 from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.joining import MAX_TILT_DEG
+from vioapr.mapping.kept import (
+    MAP_GT_FOLDER,
+    SUMMARY_FILE,
+    back_up_gt,
+    carry_files,
+    foreign_gt_ids,
+)
 from vioapr.mapping.outliers import find_breaks, find_misplaced, with_bad_worlds
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import tilt_deg
 from vioapr.mapping.registration import RegisteredImage
 from vioapr.mapping.vio_interpolation import interpolate_by_vio
-from vioapr.scene.scene import Scene
+from vioapr.scene.gt_origin import remove_gt_file, write_gt_file
+from vioapr.scene.scene import GT_FOLDER, Scene
 from vioapr.schemas.base import encode
 from vioapr.schemas.map_summary import (
     CameraSummary,
@@ -39,8 +48,6 @@ from vioapr.schemas.map_summary import (
 from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
 from vioapr.work.steps import Steps
-
-SUMMARY_FILE = "map.json"
 
 
 class Results(NamedTuple):
@@ -64,9 +71,18 @@ class Results(NamedTuple):
 
 
 def publish(
-    scene: Scene, images: MapImages, params: MappingParams, steps: Steps, results: Results
+    scene: Scene,
+    images: MapImages,
+    params: MappingParams,
+    steps: Steps,
+    results: Results,
+    *,
+    replace_gt: bool = False,
 ) -> MapSummary:
     """Put `map/`, `gt/` and the world of `scene.toml` in place.
+
+    Where `gt/` has ground truth that mapping did not write, it stays, with its world, and the
+    map's goes to `map/gt/`.
 
     Args:
         scene: The scene.
@@ -74,6 +90,7 @@ def publish(
         params: How it was mapped.
         steps: The steps taken.
         results: Theirs.
+        replace_gt: Replace ground truth of others too; a backup is kept.
 
     Returns:
         The summary, which is also written.
@@ -101,6 +118,9 @@ def publish(
         recordings[id_] = summarize_recording(
             scene, images, id_, own, breaks, is_misplaced, results, truth
         )
+    foreign = foreign_gt_ids(scene)
+    backup = back_up_gt(scene, foreign).name if foreign and replace_gt else ""
+    is_apart = bool(foreign) and not replace_gt
     summary = MapSummary(
         vioapr=__version__,
         params=dataclasses.asdict(params),
@@ -110,14 +130,43 @@ def publish(
         world=results.world,
         seconds=steps.seconds,
         reused_steps=steps.reused,
+        gt_folder=MAP_GT_FOLDER if is_apart else GT_FOLDER,
+        kept_gt=foreign if is_apart else [],
+        gt_backup=backup,
     )
+    publish_map(scene, results.world_folder, summary, truths if is_apart else {})
+    if not is_apart:
+        publish_truths(scene, truths, results.world)
+    return summary
 
+
+def publish_map(
+    scene: Scene,
+    world_folder: Path,
+    summary: MapSummary,
+    truths: Mapping[str, Trajectory | None],
+) -> None:
+    """Put `map/` in place; files in it that mapping did not write stay.
+
+    Args:
+        scene: The scene.
+        world_folder: The model.
+        summary: To be written beside it.
+        truths: Ground truth that goes beside it, by recording.
+
+    Raises:
+        UnwritableError: Something cannot be written; what was there stays.
+    """
     for left in scene.folder.glob(f".{scene.map_folder.name}.*{PARTIAL_SUFFIX}"):
         shutil.rmtree(left, ignore_errors=True)  # by a run that was killed here
     partial = partial_beside(scene.map_folder)
     try:
-        shutil.copytree(results.world_folder, partial)
+        shutil.copytree(world_folder, partial)
         write_text(partial / SUMMARY_FILE, encode(summary, indent=1))
+        for id_, truth in truths.items():
+            if truth is not None:
+                write_gt_file(partial / GT_FOLDER / f"{id_}.tum", truth, "mapping", "")
+        carry_files(scene.map_folder, partial)
         replace_folder(scene.map_folder, partial)
     except shutil.Error:  # of several files, each with its reason
         raise UnwritableError(scene.map_folder, "cannot be written: the disk may be full") from None
@@ -125,17 +174,32 @@ def publish(
         raise UnwritableError.of(scene.map_folder, error) from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def publish_truths(
+    scene: Scene, truths: Mapping[str, Trajectory | None], world: WorldSummary
+) -> None:
+    """Put `gt/` and the world of `scene.toml` in place.
+
+    Args:
+        scene: The scene.
+        truths: Ground truth, by recording; None removes that of an earlier map, in another world.
+        world: That it is in.
+
+    Raises:
+        UnwritableError: Something cannot be written.
+    """
     for id_, truth in truths.items():
         if truth is None:
-            scene.gt_path(id_).unlink(missing_ok=True)  # of an earlier map, in another world
+            remove_gt_file(scene.gt_path(id_))
         else:
-            scene.write_gt(id_, truth)
-    world, geo = results.world, results.world.georeference
+            scene.write_gt(id_, truth, "mapping")
+    geo = world.georeference
     origin = geo.origin if isinstance(geo, Georeference) else None
+    # Opened again: recordings may have been imported, and splits edited, while it was mapped.
     dataclasses.replace(
-        scene, world=World(world.is_metric, world.is_gravity_aligned, origin)
+        Scene.open(scene.folder), world=World(world.is_metric, world.is_gravity_aligned, origin)
     ).save()
-    return summary
 
 
 def find_contradictions(

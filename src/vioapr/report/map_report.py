@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +14,7 @@ import numpy as np
 from vioapr.errors import FormatError
 from vioapr.evaluation.vio_quality import VioQuality, analyze
 from vioapr.evaluation.vio_tables import to_record
-from vioapr.evaluation.vio_tracks import find_vio_walks
+from vioapr.evaluation.vio_tracks import find_walks_of_scene
 from vioapr.files.text import write_text
 from vioapr.mapping.colmap import read_model
 from vioapr.report.figures.mapping import agreement_figure, map_figure
@@ -90,9 +91,10 @@ def write_map_report(
         FileError: A file cannot be read or written.
     """
     folder = scene.map_folder / REPORT_FOLDER
+    scene = dataclasses.replace(scene, gt_folder=summary.gt_folder)
     qualities = [
         analyze(track)
-        for walk in find_vio_walks([scene.folder])
+        for walk in find_walks_of_scene(scene)
         for track in walk.read(DEFAULT_TOLERANCE_S)
     ]
     write_text(folder / "vio.json", encode(to_record(qualities), indent=1))

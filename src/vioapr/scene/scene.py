@@ -14,9 +14,11 @@ from vioapr.errors import AlreadyExistsError, FormatError, ParameterError
 from vioapr.files.text import read_text, require_folder, write_text
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
+from vioapr.scene.gt_origin import read_origin, write_gt_file
 from vioapr.scene.recording import Recording
 from vioapr.schemas.base import check_version, convert, to_plain
 from vioapr.schemas.scene import SceneDocument, World
+from vioapr.schemas.written import GroundTruthOrigin, Writer
 from vioapr.trajectory import Trajectory
 
 SCENE_FILE, RECORDINGS_FOLDER, GT_FOLDER, MAP_FOLDER = "scene.toml", "recordings", "gt", "map"
@@ -34,6 +36,8 @@ class Scene:
         splits: Ids of the recordings for "train" and for "test".
         excluded: Ids of recordings that are in neither on purpose, and why.
         world: The frame of map and ground truth.
+        gt_folder: Where ground truth is in the folder; a map has its own in `map/gt` where the
+            scene's is not of its world.
     """
 
     folder: Path
@@ -42,6 +46,7 @@ class Scene:
     splits: Mapping[str, Sequence[str]] = field(default_factory=lambda: dict.fromkeys(SPLITS, ()))
     excluded: Mapping[str, str] = field(default_factory=dict[str, str])
     world: World = field(default_factory=World)
+    gt_folder: str = GT_FOLDER
 
     @staticmethod
     def create(folder: Path, name: str, *, is_outdoor: bool, world: World | None = None) -> Scene:
@@ -123,7 +128,7 @@ class Scene:
 
     def gt_path(self, id_: str) -> Path:
         """Where a recording's ground truth is or will be."""
-        return self.folder / GT_FOLDER / f"{check_id(id_)}.tum"
+        return self.folder / self.gt_folder / f"{check_id(id_)}.tum"
 
     def gt(self, id_: str) -> Trajectory | None:
         """Ground truth world_from_cam of a recording's frames, by their timestamps, or None.
@@ -134,13 +139,25 @@ class Scene:
         path = self.gt_path(id_)
         return tum.read(path, ReadOptions()) if path.exists() else None
 
-    def write_gt(self, id_: str, world_from_cam: Trajectory) -> None:
+    def gt_origin(self, id_: str) -> GroundTruthOrigin | None:
+        """Who wrote a recording's ground truth; None if it is the user's, or there is none."""
+        return read_origin(self.gt_path(id_))
+
+    def write_gt(
+        self, id_: str, world_from_cam: Trajectory, writer: Writer | None = None, source: str = ""
+    ) -> None:
         """Write a recording's ground truth; what was there is replaced as a whole.
+
+        Args:
+            id_: The recording.
+            world_from_cam: Of its frames.
+            writer: The part of vioapr that writes it; None for the user.
+            source: What it is made from, for people.
 
         Raises:
             UnwritableError: It cannot be written; what was there stays.
         """
-        tum.write(self.gt_path(id_), world_from_cam)
+        write_gt_file(self.gt_path(id_), world_from_cam, writer, source)
 
     def with_recording(self, id_: str, split: str | None) -> Scene:
         """The scene with a recording in a split, or, if None, in neither."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+import msgspec
+
 from vioapr.schemas.base import Record
 from vioapr.schemas.scene import GeodeticOrigin
 
@@ -176,6 +178,10 @@ class MapSummary(Record, frozen=True):
         world: The world that it is in.
         seconds: How long every step took.
         reused_steps: Names of steps that an earlier run had finished.
+        gt_folder: Where the ground truth of this map is in the scene.
+        kept_gt: Ids of recordings whose ground truth in `gt/` is not mapping's, and was kept.
+        gt_backup: Name of the folder in the scene that ground truth was copied to before this
+            map's replaced it; "" if none was.
     """
 
     vioapr: str
@@ -186,3 +192,6 @@ class MapSummary(Record, frozen=True):
     world: WorldSummary
     seconds: dict[str, float]
     reused_steps: list[str]
+    gt_folder: str = "gt"
+    kept_gt: list[str] = msgspec.field(default_factory=list[str])
+    gt_backup: str = ""

@@ -42,7 +42,8 @@ class GroundTruthOrigin(Document, frozen=True, kw_only=True):
         writer: The part of vioapr that wrote it.
         source: What it was made from, e.g. the importer's name; "" where the writer says it all.
         vioapr: The version that wrote it.
-        sha256: Of the file that was written: one that was changed since is the user's.
+        sha256: Of the file that was written, the newest last; two while one replaces the other. A
+            file that was changed since is the user's.
     """
 
     FORMAT: ClassVar[str] = "vioapr ground truth origin"
@@ -50,4 +51,4 @@ class GroundTruthOrigin(Document, frozen=True, kw_only=True):
     writer: Writer
     source: str = ""
     vioapr: str = ""
-    sha256: str = ""
+    sha256: tuple[str, ...] = ()

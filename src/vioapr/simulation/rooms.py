@@ -230,5 +230,5 @@ def make_box_scene(
         gt = stand_about(frames, seed)
         vio = y_up_from_z_up(gt.target_from_source)
         scene = add_recording(scene, id_, split, gt, vio, room, BOX_CAMERA, "{:03d}.png")
-        scene.write_gt(id_, gt)
+        scene.write_gt(id_, gt, "simulator")
     return scene

@@ -83,7 +83,9 @@ def record(
         heading = devices.measure_heading(rng, motion, params.duration_s)
         for measured in zip(*vars(heading).values(), strict=True):
             writer.add_heading(*measured)
-    scene.write_gt(plan.id_, Trajectory.from_arrays(times, *world_from_cam))
+    scene.write_gt(
+        plan.id_, Trajectory.from_arrays(times, *world_from_cam), "simulator", info.source
+    )
     if plan.number == 0:
         picture = encode_image(FROM_ABOVE, view_from_above(renderer))
         write_bytes(scene.folder / FROM_ABOVE, picture)
