@@ -14,12 +14,9 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stdout, suppress
-from io import StringIO
 from pathlib import Path
 from typing import Any, ForwardRef
 
-TITLE = r"^ ([\w.]+ options|options|positional arguments)$"
 ROOT = Path(__file__).parents[1]
 REFERENCE, SCHEMAS = ROOT / "docs" / "reference", ROOT / "schema"
 
@@ -124,32 +121,41 @@ def docstring(thing: object) -> str:
 
 
 def cli_page() -> str:
-    """Every verb's help, as the command line prints it."""
+    """Exit codes, statuses, and every verb's help, as the command line prints it."""
     os.environ |= {"COLUMNS": "96", "NO_COLOR": "1", "TERM": "dumb"}
-    from vioapr.cli.main import VERBS
+    from vioapr.cli.help import describe_verb
+    from vioapr.cli.verbs import VERBS, describe_verbs
 
     parts = [
         "# Command line\n",
-        "What `vioapr VERB --help` prints. Written by `scripts/make_reference.py`.\n",
+        "What `vioapr --help` and `vioapr VERB --help` print. Written by "
+        "`scripts/make_reference.py`.\n",
+        f"```\n{describe_verbs()}\n```\n",
+        "## Statuses\n\nThe column `status` of `vioapr fuse` and `vioapr localize` is a name; "
+        "ONNX files say the number.\n\n" + statuses_table(),
     ]
-    for verb in VERBS:
-        parts.append(f"## vioapr {verb}\n\n```\n{help_of(verb)}\n```\n")
+    for name, verb in VERBS.items():
+        parts.append(f"## vioapr {name}\n\n```\n{describe_verb(name, verb.load())}\n```\n")
     return "\n".join(parts)
 
 
-def help_of(verb: str) -> str:
-    """The help text of a verb, without the boxes' lines."""
-    from vioapr.cli.main import main
+def statuses_table() -> str:
+    """The table of statuses, the same wherever a page has one."""
+    from vioapr.fusion.types import Status
 
-    buffer = StringIO()
-    with redirect_stdout(buffer), suppress(SystemExit):
-        main([*verb.split(), "--help"])
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", buffer.getvalue())
-    lines = [re.sub(r"^[│|]\s?|\s*[│|]$", "", line).rstrip() for line in plain.splitlines()]
-    lines = [
-        re.sub(r"^ ([\w.]+ options|options|positional arguments)$", r"\n\1:", x) for x in lines
-    ]
-    return "\n".join(line for line in lines if not re.fullmatch(r" ?[╰+─╯-]{9,}", line)).strip()
+    rows = "".join(f"| {s.value} | `{s.label}` | {s.meaning} |\n" for s in Status)
+    return f"| | status | where a frame's pose comes from |\n|---|---|---|\n{rows}"
+
+
+def with_statuses(page: Path) -> str:
+    """A page of someone's, with the table between its two marks made again."""
+    text = page.read_text(encoding="utf-8")
+    return re.sub(
+        r"(<!-- statuses: [^\n]*-->\n).*?(<!-- end of statuses -->)",
+        lambda found: f"{found[1]}\n{statuses_table()}\n{found[2]}",
+        text,
+        flags=re.S,
+    )
 
 
 def schemas_page() -> str:
@@ -203,6 +209,7 @@ def type_in_words(member: dict[str, Any]) -> str:
 
 
 PAGES = {"api.md": api_page, "cli.md": cli_page, "schemas.md": schemas_page}
+PAGES_WITH_STATUSES = ("README.md", "docs/guide/fuse.md", "docs/reference/contract.md")
 
 
 def main() -> None:
@@ -210,12 +217,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
-    stale = []
-    for name, make in PAGES.items():
-        path, text = REFERENCE / name, make()
+    made = {REFERENCE / name: make() for name, make in PAGES.items()}
+    made |= {ROOT / name: with_statuses(ROOT / name) for name in PAGES_WITH_STATUSES}
+    stale: list[str] = []
+    for path, text in made.items():
         if options.check:
             if not path.exists() or path.read_text(encoding="utf-8") != text:
-                stale.append(name)
+                stale.append(path.name)
         else:
             path.write_text(text, encoding="utf-8")
     if stale:

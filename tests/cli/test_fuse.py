@@ -77,16 +77,16 @@ def test_the_help_names_every_method_and_unit(run):
 
 BAD_VALUES = [
     (("--d-th", "-1"), "--d-th: expected a number of at least 0, got -1.0"),
-    (("--d-th", "wide"), "could not convert string to float: 'wide'"),
+    (("--d-th", "wide"), "--d-th: expected a number, got 'wide' (see vioapr fuse --help)"),
     (("--o-th", "nan"), "--o-th: expected a number of at least 0, got nan"),
     (("--n", "0"), "--n: expected a whole number of at least 1, got 0"),
     (("--pose-graph-prior-sigma-m", "0"), "--pose-graph-prior-sigma-m: expected a number greater"),
-    (("--n", "1.5"), "invalid literal for int() with base 10: '1.5'"),
+    (("--n", "1.5"), "--n: expected a whole number, got '1.5'"),
     (("--method", "magic"), "unknown method 'magic': expected one of apr, vio, vio-apr"),
-    (("--view", "both"), "invalid choice 'both'"),
+    (("--view", "both"), "--view: expected one of retrospective, live, got 'both'"),
     (("--tolerance-s", "-1"), "expected a time tolerance of at least 0 s, got -1.0"),
     (("--apr-format", "word"), "unknown format 'word': expected one of tum"),
-    (("--colour", "red"), "nrecognized"),
+    (("--colour", "red"), "unknown flag --colour (see"),
 ]
 
 

@@ -4,7 +4,10 @@ import sys
 import pytest
 
 import vioapr
+from vioapr.cli.help import describe_parameters
+from vioapr.cli.parameters import parameters_of
 from vioapr.cli.verbs import VERBS
+from vioapr.fusion.types import Status
 
 HEAVY = {"numpy", "scipy", "matplotlib", "torch", "PIL", "rich", "tyro", "msgspec"}
 
@@ -15,7 +18,7 @@ def test_help_lists_all_verbs_a_line_each(run):
     lines = out.splitlines()
     for verb in VERBS:
         assert sum(line.startswith(f"  {verb}  ") for line in lines) == 1
-    assert max(map(len, lines)) <= 84
+    assert max(map(len, lines)) <= 80
     assert run()[1] == out
 
 
@@ -29,31 +32,79 @@ def test_help_and_a_mere_import_are_light(code):
     assert not HEAVY & set(done.stdout.split())
 
 
-def test_help_of_verbs_of_two_words(run):
-    code, out, _ = run("scene", "--help")
+def test_the_order_of_the_help_is_that_of_the_work(run):
+    out = run("--help")[1]
+    verbs = ("inspect", "fuse", "import", "map", "train", "export", "localize", "demo")
+    places = [out.index(f"\n  {verb} ") for verb in verbs]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("family", ["scene", "simulate", "reproduce"])
+def test_help_of_verbs_of_two_words_shows_their_own_alone(run, family):
+    code, out, _ = run(family, "--help")
     assert code == 0
-    assert "scene check" in out
-    assert "simulate walks" not in out
+    own = [name for name in VERBS if name.startswith(f"{family} ")]
+    listed = [line for line in out.splitlines() if line.startswith("  ")]
+    assert [line.split("  ")[1] for line in listed] == own
+    for arguments in ((family,), ("help", family), (family, "-h")):
+        assert run(*arguments) == (0, out, "")
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_explains_itself(run, verb):
-    code, out, _ = run(verb, "--help")
+def test_every_verb_explains_itself(run, verb, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = run(*verb.split(), "--help")
     assert code == 0
+    assert out.startswith(f"usage: vioapr {verb} ")
+    assert max(map(len, out.splitlines())) <= 80
     assert len(out) > 300
+    # Every parameter has a text, and what is needed comes first.
+    flags = [one for one in parameters_of(VERBS[verb].load()) if one.flags]
+    assert all(f"  {one.flag}" in out for one in flags)
+    needed = [out.index(f"\n  {one.flag} ") for one in flags if one.is_required]
+    if needed and "\noptions:" in out:
+        assert max(needed) < out.index("\noptions:")
+    assert "example" in out
+    assert run("help", *verb.split()) == (0, out, "")
+    assert run(*verb.split(), "-h") == (0, out, "")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_parameter_has_a_text(verb):
+    undocumented = [
+        one.flag for one, text in describe_parameters(VERBS[verb].load()) if len(text) < 10
+    ]
+    assert undocumented == []
+
+
+@pytest.mark.parametrize("verb", ["fuse", "localize"])
+def test_help_tells_all_statuses(run, verb):
+    out = " ".join(run(verb, "--help")[1].split())
+    assert all(f"{status.label} {status.meaning}" in out for status in Status)
 
 
 def test_unknown_verbs_are_refused(fails):
     line = fails("fly")
     assert "fly" in line
     assert "fuse" in line
-    assert fails("scene") == (
-        "unknown verb 'scene': expected one of scene check, scene info (see vioapr --help)"
+    for arguments in (("evalute",), ("evalute", "--help"), ("evaluat", "x", "--json", "y")):
+        assert "perhaps evaluate (see" in fails(*arguments)
+    assert fails("nonsens3", "--help").startswith("unknown verb 'nonsens3'")
+    assert fails("help", "fusee") == "unknown verb 'fusee': perhaps fuse (see vioapr --help)"
+    assert "perhaps scene or" in fails("scenes")
+    assert "perhaps scene check (see" in fails("scene", "chek", "--help")
+    assert "perhaps scene check (see" in fails("check")
+    assert fails("scene", "fly") == (
+        "unknown verb 'scene fly': expected one of scene check, scene info (see vioapr --help)"
     )
+    assert "expected a verb before flags, got --apr" in fails("--apr", "x")
 
 
 def test_the_version_is_told(run):
-    assert run("--version")[1] == f"vioapr {vioapr.__version__}\n"
+    said = (0, f"vioapr {vioapr.__version__}\n", "")
+    for arguments in (("--version",), ("-V",), ("fuse", "-V"), ("scene", "--version")):
+        assert run(*arguments) == said
+    assert run("scene", "check", "x", "--version") == said
 
 
 def test_flags_that_cannot_be_parsed_are_named(fails):
@@ -62,12 +113,36 @@ def test_flags_that_cannot_be_parsed_are_named(fails):
     assert fails("fuse", "--out", "x") == f"missing --apr, --vio{see}"
     assert fails("scene", "check") == "missing SCENE (see vioapr scene check --help)"
     assert fails("import", "stray", "--out", "y").startswith("missing SOURCE ")
-    assert "Missing value for argument '--view'" in fails("fuse", *files, "--view")
-    assert fails("fuse", *files, "--tolerancee") == (
-        f"Unrecognized options: --tolerancee; perhaps --tolerance-s{see}"
+    assert fails("fuse", *files, "--view") == f"--view: expected a value after it, got none{see}"
+    for wrong in ("--tolerancee", "--toler", "--tolerence-s", "--Tolerance_S"):
+        assert (
+            fails("fuse", *files, wrong, "1") == f"unknown flag {wrong}; perhaps --tolerance-s{see}"
+        )
+    assert fails("fuse", "--out_dir", "x") == f"unknown flag --out_dir; perhaps --out{see}"
+    assert fails("fuse", "--output=x") == f"unknown flag --output; perhaps --out{see}"
+    assert fails("fuse", *files, "--zebra") == f"unknown flag --zebra{see}"
+    assert fails("fuse", *files, "-q") == f"unknown flag -q{see}"
+    assert fails("fuse", *files, "--tolerance-s", "near") == (
+        f"--tolerance-s: expected a number, got 'near'{see}"
     )
-    assert "--tolerance-s: could not convert" in fails("fuse", *files, "--tolerance-s", "near")
-    assert "invalid choice 'x' for argument '--view'" in fails("fuse", *files, "--view", "x")
+    assert fails("fuse", *files, "--n", "1.5") == f"--n: expected a whole number, got '1.5'{see}"
+    for given in (("--view", "liv"), ("--view=liv",)):
+        assert fails("fuse", *files, *given) == (
+            f"--view: expected one of retrospective, live, got 'liv'; perhaps live{see}"
+        )
+    assert fails("convert", "a", "b", "c").startswith(
+        "expected no more than the files that the verb takes, got also c (see vioapr convert "
+    )
+
+
+def test_files_of_similar_names_are_suggested(fails, tmp_path):
+    (tmp_path / "vio.tum").touch()
+    near = f"; perhaps {tmp_path / 'vio.tum'}"
+    assert fails("inspect", tmp_path / "vio.tun").endswith(near)
+    assert fails("inspect", tmp_path / "VIO.tum.gz").endswith(near)
+    assert fails("inspect", tmp_path / "other").endswith("found none of this name")
+    missing = tmp_path / "walks"
+    assert fails("inspect", missing / "a" / "b").endswith(f"; there is no folder {missing}")
 
 
 @pytest.mark.slow

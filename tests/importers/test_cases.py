@@ -96,3 +96,15 @@ def test_images_are_counted_that_are_there(tmp_path):
     found = import_one("nerfstudio", source, tmp_path / "s")
     assert "60 frames: 50 with image, 60 with tracker's pose" in found.recording.info.notes
     assert f"{source}/images/0000.jpg: no file of this name" in found.warnings
+
+
+def test_3d_scanner_app(tmp_path):
+    found = import_one("scanner-app", case_folder("20-3d-scanner-app"), tmp_path / "s")
+    frames = found.recording.frames
+    assert (len(frames), int(frames.has_image.sum())) == (30, 10)
+    assert frames.timestamp_s[0] == 9000
+    np.testing.assert_allclose(np.diff(frames.timestamp_s), 0.1, atol=1e-6)
+    assert frames.vio_from_cam.translation_m[0].tolist() == [0, 1.5, -0.11]
+    np.testing.assert_allclose(np.array(frames.intrinsics)[:, 0], [96, 72, 72.7, 72.7, 48.6, 35.7])
+    info = found.recording.info
+    assert (info.is_metric, info.is_gravity_aligned, info.tracker) == (True, True, "ARKit")

@@ -11,7 +11,6 @@ from vioapr.errors import FormatError
 from vioapr.formats import conventions
 from vioapr.geometry import quaternion
 from vioapr.importers.nerfstudio import IMPORTER
-from vioapr.importers.transforms import unit_of_times
 from vioapr.importers.write import write_recording
 from vioapr.scene.check import check_scene
 
@@ -38,24 +37,6 @@ def written(tmp_path, found):
     scene = write_recording(make_scene(tmp_path / "scene", 3), found)
     assert not check_scene(scene.folder).errors
     return scene.recording(found.id).frames
-
-
-@pytest.mark.parametrize(
-    ("values", "unit"),
-    [
-        ([5000.0, 5000.1, 5000.2], "s"),
-        ([1.7e9, 1.7e9 + 2, 1.7e9 + 4], "s"),
-        ([0, 33, 67, 100], "ms"),
-        ([1.7e12, 1.7e12 + 100], "ms"),
-        ([0, 33333, 66667], "us"),
-        ([1.7e15, 1.7e15 + 5e6], "us"),
-        ([0, 16_666_667, 33_333_333], "ns"),
-        ([1.7e18, 1.7e18 + 1e9], "ns"),
-        ([7.0], "s"),
-    ],
-)
-def test_units_of_times(values, unit):
-    assert unit_of_times(np.array(values, dtype=float))[1] == unit
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,9 @@ def bench_(
         repeats: How often every part is run, in turns.
         json_out: JSON to write the figures to.
         overwrite: Replace the JSON if it exists; never the file that is measured.
+
+    Example:
+        vioapr bench courtyard.onnx --threads 1
     """
     given = {"height": height, "width": width, "repeats": repeats, "threads": threads}
     for name, value in given.items():

@@ -48,6 +48,10 @@ def convert(
             than warn.
         overwrite: Write over an existing OUT.
 
+    Example:
+        vioapr convert vio.csv vio.tum
+        vioapr convert poses.txt out.txt --from colmap --to kitti
+
     Raises:
         VioAprError: IN cannot be read or OUT cannot be written.
     """

@@ -20,6 +20,9 @@ def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
     Args:
         out: Folder to copy scene and localizer to, and to write fused.csv and the report to.
         open_report: Show the report in a browser, if there is one.
+
+    Example:
+        vioapr demo
     """
     given = unpack_demo(out)
     say(

@@ -73,6 +73,9 @@ def evaluate(
             paper's tables. live: what was known when each frame arrived.
         tolerance_s: Largest difference of timestamps within a frame, s.
         params: Parameters of the methods.
+
+    Example:
+        vioapr evaluate walks --methods vio-apr,consensus --report report
     """
     chosen = parse_methods(methods, params)
     folders = find_walks(walks)

@@ -44,6 +44,9 @@ def export(
         calibration: For int8-qdq: a scene, of whose training images some are used.
         overwrite: Replace the files to write if they exist; never the checkpoint.
         params: Parameters of the methods. Those that the file takes as input are its defaults.
+
+    Example:
+        vioapr export courtyard/models/posenet --out courtyard.onnx
     """
     if (precision == "int8-qdq") != (calibration is not None):
         raise ParameterError("`precision` int8-qdq and `calibration` go together")

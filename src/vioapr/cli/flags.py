@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import is_dataclass
-from typing import Any, get_args, get_type_hints
+from collections.abc import Callable
+from typing import Any
 
+from vioapr.cli.parameters import parameters_of
 from vioapr.errors import ParameterError, VioAprError
 
 
@@ -21,10 +21,10 @@ def flag_names(function: Callable[..., Any]) -> dict[str, str]:
     A field is known as `Class.field`, and by its name alone where no other class has it.
     """
     flags: dict[str, str] = {}
-    for owner, name, flag in _parameters(function):
-        if owner:
-            flags[f"{owner}.{name}"] = flag
-        flags[name] = flag if flags.get(name, flag) == flag else ""
+    for one in parameters_of(function):
+        if one.owner:
+            flags[f"{one.owner.__name__}.{one.name}"] = one.flag
+        flags[one.name] = one.flag if flags.get(one.name, one.flag) == one.flag else ""
     return {name: flag for name, flag in flags.items() if flag}
 
 
@@ -62,18 +62,3 @@ def _fill(text: str, flags: dict[str, str]) -> str:
     """Replace names with an underscore, which are no words and, alone, no paths."""
     pattern = r"(?<![\w./-])[A-Za-z]+(?:\.\w+)?_\w+(?![\w/-]|\.\w)"
     return re.sub(pattern, lambda m: flags.get(m[0], m[0]), text)
-
-
-def _parameters(owner: Any) -> Iterator[tuple[str, str, str]]:
-    """Yield class (or ""), name and flag of every parameter, as the parser names it."""
-    for name, hint in get_type_hints(owner, include_extras=True).items():
-        kind, *extras = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
-        if isinstance(kind, type) and is_dataclass(kind):
-            yield from _parameters(kind)
-        elif name != "return":
-            given = [getattr(extra, "name", None) for extra in extras]
-            flag = f"--{next(filter(None, given), name.strip('_').replace('_', '-'))}"
-            if "Positional" in map(repr, extras):
-                metavars = [getattr(extra, "metavar", None) for extra in extras]
-                flag = next(filter(None, metavars), name.upper())
-            yield owner.__name__ if isinstance(owner, type) else "", name, flag

@@ -75,6 +75,9 @@ def fuse(
         strict: Refuse what is otherwise fused with a warning, and write nothing.
         overwrite: Replace the files to write if they exist; never one that is read.
         params: Parameters of the methods.
+
+    Example:
+        vioapr fuse --apr apr.tum --vio vio.csv --out fused.csv
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
     inputs = [apr, vio, apr_sigma or path_beside(apr)]

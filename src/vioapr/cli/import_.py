@@ -35,8 +35,9 @@ def import_(
     What each format must hold is in docs/reference/scene.md.
 
     Args:
-        format: marvin, stray, record3d, advio, nerfstudio (also Polycam), 7scenes, cambridge,
-            or images (a folder of images with any trajectory file).
+        format: stray, record3d, scanner-app (3D Scanner App), polycam, nerfstudio (any
+            transforms.json), advio, marvin, 7scenes, cambridge, or images (a folder of images
+            with any trajectory file).
         source: The file or folder to import.
         out: The scene's folder, made if needed; recordings are added to what is there.
         split: train, test or none; by default the data set's own, else train.
@@ -52,6 +53,9 @@ def import_(
         metric: The poses are in metres, although the source does not show it (nerfstudio, images).
         max_megapixels: The largest image to import; at most 400.
         strict: Refuse what is otherwise imported with a warning.
+
+    Example:
+        vioapr import stray 8653a2142b --out courtyard --place outdoor
 
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.

@@ -46,6 +46,10 @@ def inspect(
         against_format: Format of the other track; by default the one it looks like.
         json_: Print JSON, a list with an object for each file.
 
+    Example:
+        vioapr inspect apr.tum vio.csv
+        vioapr inspect apr.tum --against vio.csv
+
     Raises:
         VioAprError: A file cannot be read.
     """

@@ -44,7 +44,7 @@ def localize_(
     view: bool = False,
     rrd: Path | None = None,
 ) -> None:
-    """Localize a recorded walk from its images and the tracker's poses, as a phone would.
+    r"""Localize a recorded walk from its images and the tracker's poses, as a phone would.
 
     Needs onnxruntime only (pip install 'vioapr[runtime]'). The poses are those known when each
     frame arrived.
@@ -63,6 +63,10 @@ def localize_(
         threads: For every operator of the network; by default, all cores.
         view: Show the walk in a browser while it runs (pip install 'vioapr[viser]').
         rrd: Rerun file to write (pip install 'vioapr[rerun]').
+
+    Example:
+        vioapr localize --model courtyard.onnx --out fused.csv \
+            --recording courtyard/recordings/test-01
     """
     frames = _read_frames(recording, images, vio, gt)
     if report is not None and frames.gt is None:

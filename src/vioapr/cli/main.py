@@ -1,4 +1,4 @@
-"""The entry point: parses, runs a verb, and turns users' errors into one line and exit code 2.
+"""The entry point: parses, runs a verb, and turns users' errors into one line and an exit code.
 
 Only the chosen verb's module is imported, and the parser only once a verb is known: help and
 mistyped verbs should not wait for NumPy.
@@ -6,17 +6,19 @@ mistyped verbs should not wait for NumPy.
 
 from __future__ import annotations
 
-import functools
-import io
 import os
-import re
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
+from collections.abc import Sequence
+from pathlib import Path
 
 from vioapr._version import __version__
-from vioapr.cli.verbs import VERBS, describe_verbs
-from vioapr.errors import VioAprError
+from vioapr.cli.verbs import FAMILIES, VERBS, describe_family, describe_verbs
+from vioapr.errors import FileMissingError, VioAprError
+
+DONE, MENDABLE, INTERRUPTED = 0, 2, 130
+"""Exit codes. A fault of ours ends with a traceback and 1."""
+
+_HELP, _VERSION = ("-h", "--help"), ("-V", "--version")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,119 +28,89 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Without the program's name; None for the process's own.
 
     Returns:
-        Exit code: 0, or 2 where the user can mend what is wrong.
+        Exit code: 0, 2 where the user can mend what is wrong, or 130 where they interrupted it.
     """
     try:
         run(sys.argv[1:] if arguments is None else list(arguments))
         sys.stdout.flush()
     except VioAprError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 2
+        return MENDABLE
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return DONE
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        return 130
-    return 0
+        return INTERRUPTED
+    return DONE
 
 
 def run(arguments: list[str]) -> None:
-    """Run the verb that the arguments name, or print the list of verbs.
+    """Run the verb that the arguments name, or print the help or version that they ask for.
 
     Raises:
         VioAprError: There is no such verb, its flags cannot be parsed, or it fails.
-        SystemExit: The verb's own help was asked for, and is printed.
     """
-    for words in (2, 1):  # `scene check` is a verb of two words
-        name = " ".join(arguments[:words])
-        if name in VERBS:
-            function = VERBS[name].load()
-            try:
-                parse_flags(name, function, arguments[words:])()
-            except VioAprError as error:
-                from vioapr.cli.flags import flag_names, name_flags
-
-                raise VioAprError(name_flags(error, flag_names(function))) from error
-            return
+    if arguments[:1] == ["help"]:
+        arguments = [*arguments[1:], "--help"]
     first, *rest = arguments or ["--help"]
-    prefix = next((first for name in VERBS if name.split()[0] == first), "")
-    if (rest[0] if prefix and rest else first) in ("-h", "--help"):
-        print(
-            f"usage: vioapr {prefix or 'VERB'} ...\n\n"
-            "Robust absolute poses from a pose regressor and a phone's visual-inertial odometry."
-            f"\n\n{describe_verbs(prefix)}\n\n"
-            "vioapr VERB --help explains a verb and its flags."
-        )
-    elif first == "--version":
+    flags = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    name = next((name for n in (2, 1) if (name := " ".join(arguments[:n])) in VERBS), None)
+    if name is None and first in FAMILIES:
+        if rest and not rest[0].startswith("-"):
+            raise VioAprError(unknown_verb(" ".join(arguments[:2])))
+    elif name is None and not first.startswith("-"):
+        raise VioAprError(unknown_verb(first))
+    if any(flag in flags for flag in _VERSION):
         print(f"vioapr {__version__}")
+    elif name is not None:
+        run_verb(name, arguments[len(name.split()) :])
+    elif first in FAMILIES and (not rest or rest[0] in _HELP):
+        print(describe_family(first))
+    elif first in _HELP:
+        print(describe_verbs())
     else:
-        known = [name for name in VERBS if not prefix or name.split()[0] == prefix]
-        raise VioAprError(
-            f"unknown verb {' '.join(arguments[: 2 if prefix else 1])!r}: expected one of "
-            f"{', '.join(known)} (see vioapr --help)"
-        )
+        word = rest[0] if first in FAMILIES else first
+        raise VioAprError(f"expected a verb before flags, got {word} (see vioapr --help)")
 
 
-def parse_flags(
-    name: str, function: Callable[..., None], arguments: Sequence[str]
-) -> Callable[[], None]:
-    """Bind a verb to its flags without running it, so that only parsing errors are rewritten.
-
-    Args:
-        name: A key of `VERBS`.
-        function: The verb's.
-        arguments: What follows the verb.
+def run_verb(name: str, arguments: list[str]) -> None:
+    """Run a verb, or print its help.
 
     Raises:
-        VioAprError: They are not the verb's flags.
-        SystemExit: Help was asked for, and is printed.
+        VioAprError: Its flags cannot be parsed, or it fails; the message names flags.
     """
-    import tyro
+    function = VERBS[name].load()
+    flags = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    if any(flag in flags for flag in _HELP):
+        from vioapr.cli.help import describe_verb
 
-    @functools.wraps(function)
-    def bind(*args: object, **kwargs: object) -> Callable[[], None]:
-        return functools.partial(function, *args, **kwargs)
+        print(describe_verb(name, function))
+        return
+    from vioapr.cli.parsing import parse_flags
 
-    messages = io.StringIO()
     try:
-        with redirect_stderr(messages):
-            return tyro.cli(bind, prog=f"vioapr {name}", args=arguments)
-    except SystemExit as stop:
-        if stop.code in (0, None):
-            raise
-        problem = summarize_parser_message(messages.getvalue())
-        raise VioAprError(f"{problem} (see vioapr {name} --help)") from None
+        parse_flags(name, function, arguments)()
+    except VioAprError as error:
+        from vioapr.cli.flags import flag_names, name_flags
+        from vioapr.cli.suggestions import suggest_path
+
+        hint = suggest_path(Path(error.path)) if isinstance(error, FileMissingError) else ""
+        raise VioAprError(name_flags(error, flag_names(function)) + hint) from error
 
 
-def summarize_parser_message(box: str) -> str:
-    """Say in one line what the parser says in a box of several, drawn or plain.
+def unknown_verb(given: str) -> str:
+    """Say that there is no such verb, and which ones were perhaps meant, or else all."""
+    from vioapr.cli.suggestions import similar_names
 
-    Args:
-        box: A title, then sections with lines between them: the message, then hints.
-    """
-    lines = [line.strip("│╭╮╰╯").rstrip() for line in box.splitlines()[1:]]  # without the title
-    margin = min(len(line) - len(line.lstrip()) for line in lines if line.strip(" ─-"))
-    sections: list[list[str]] = [[]]
-    for line in lines:
-        if line.strip(" ─-"):
-            sections[-1].append(line[margin:])
-        elif line.strip():
-            sections.append([])
-    message, *hints = (section for section in sections if section)
-    if message[0].startswith("Missing from"):
-        return f"missing {', '.join(_names_in(message))}"
-    similar = [
-        name
-        for hint in hints
-        if hint[0].startswith(("Perhaps you meant", "Arguments similar"))
-        for name in _names_in(hint)
-    ]
-    text = " ".join(line.strip() for line in message).rstrip(".")
-    return f"{text}; perhaps {' or '.join(similar)}" if similar else text
-
-
-def _names_in(section: list[str]) -> list[str]:
-    """Flags and positional arguments that a section lists; their texts are indented further."""
-    found = [re.match(r" {4}(\S+)", line) for line in section[1:]]
-    return [match[1] for match in found if match]
+    family, _, second = given.rpartition(" ")
+    if family:
+        known = [name for name in VERBS if name.split()[0] == family]
+        meant = {name.split()[1]: name for name in known}
+    else:  # a verb of two words may be meant by either of them
+        known = list(VERBS)
+        meant = {name.split()[-1]: name for name in known} | {one: one for one in FAMILIES}
+    perhaps = [meant[name] for name in similar_names(second, meant)]
+    if not perhaps:
+        return f"unknown verb {given!r}: expected one of {', '.join(known)} (see vioapr --help)"
+    return f"unknown verb {given!r}: perhaps {' or '.join(perhaps)} (see vioapr --help)"

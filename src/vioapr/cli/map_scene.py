@@ -33,6 +33,9 @@ def map_(
         replace_gt: Replace ground truth that mapping did not write; it is copied to gt.backup-1/
             (or -2, ...) first.
         params: How it is mapped.
+
+    Example:
+        vioapr map courtyard
     """
     opened = Scene.open(scene)
     summary = map_scene(opened, params, progress, replace_gt=replace_gt)

@@ -33,6 +33,9 @@ def predict(
         out: Folder to write to; by default SCENE/walks/SPLIT.
         name: Of the predictions' file; by default the model's.
         batch_size: Images at once.
+
+    Example:
+        vioapr predict courtyard --model courtyard/models/posenet
     """
     require_torch("vioapr predict")
     from vioapr.regression.prediction import load_predictor, predict_walks

@@ -63,6 +63,9 @@ def reproduce_marvin(data: Path, out: Path, options: _Options = Options()) -> No
         data: Folder that holds the scenes' folders.
         out: Folder for everything that is made.
         options: What may be otherwise.
+
+    Example:
+        vioapr reproduce marvin --data MARViN --out out
     """
     _reproduce("marvin", data, out, options)
 
@@ -74,6 +77,9 @@ def reproduce_7scenes(data: Path, out: Path, options: _Options = Options()) -> N
         data: Folder that holds the scenes' folders.
         out: Folder for everything that is made.
         options: What may be otherwise.
+
+    Example:
+        vioapr reproduce 7scenes --data 7scenes --out out --scenes chess
     """
     _reproduce("7scenes", data, out, options)
 
@@ -85,6 +91,9 @@ def reproduce_cambridge(data: Path, out: Path, options: _Options = Options()) ->
         data: Folder that holds the scenes' folders.
         out: Folder for everything that is made.
         options: What may be otherwise.
+
+    Example:
+        vioapr reproduce cambridge --data Cambridge --out out
     """
     _reproduce("cambridge", data, out, options)
 

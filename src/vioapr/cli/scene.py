@@ -36,6 +36,9 @@ def scene_check(
         decode: Decode every image whole: slow, and finds damage within an image too. Without
             it, missing, truncated and foreign images are found by their head and end.
 
+    Example:
+        vioapr scene check courtyard
+
     Raises:
         VioAprError: There are problems; they have been printed.
     """
@@ -62,10 +65,13 @@ def scene_info(
     """Print what scenes hold: the paper's Table 1, their recordings, and walking speeds.
 
     Args:
-        folders: Scenes.
+        folders: The scenes' folders.
         figure: Histograms of speeds to write, outdoor and indoor scenes apart: .png or .svg.
         json_out: JSON to write, with all figures of all recordings.
         overwrite: Replace the files to write if they exist; never one that is read.
+
+    Example:
+        vioapr scene info courtyard hall --figure speeds.png
 
     Raises:
         VioAprError: A scene cannot be read.

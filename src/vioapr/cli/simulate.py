@@ -46,6 +46,9 @@ def simulate_courtyard(
         oversampled: Render four pixels for one: sharper, and two to three times slower.
         people: Passers-by.
         workers: Processes that render; by default one a core. They do not change the result.
+
+    Example:
+        vioapr simulate courtyard --out courtyard --preset small
     """
     # Imported here: `simulate walks` should not wait for what only this verb needs.
     from vioapr.report.scene_preview import (
@@ -89,6 +92,9 @@ def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:
         out: Folder to write a folder a walk to.
         walks: Number of walks.
         seed: Of the first walk; the same seed gives the same walks.
+
+    Example:
+        vioapr simulate walks --out walks --walks 5
     """
     from vioapr.simulation.walks import WalkParams, simulate_walk
 

@@ -56,6 +56,9 @@ def train(
         orientation_layers: Of MS-Transformer's orientation branch: 6 outdoors, 4 indoors.
         resume: Go on with the run in --out, as if it had not been stopped.
         params: How it is trained.
+
+    Example:
+        vioapr train courtyard --epochs 100 --out run
     """
     require_torch("vioapr train")
     from vioapr.regression.networks import check_model

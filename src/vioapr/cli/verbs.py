@@ -26,44 +26,36 @@ class Verb(NamedTuple):
 
 
 GROUPS: dict[str, dict[str, Verb]] = {
-    "Trajectory files": {
-        "inspect": Verb("inspect", "inspect", "Say what a trajectory file is and what looks wrong"),
+    "Files of a walk": {
+        "inspect": Verb("inspect", "inspect", "Say what a trajectory file is, and what is wrong"),
         "convert": Verb("convert", "convert", "Convert a trajectory file to another format"),
-    },
-    "Fusion and evaluation": {
         "fuse": Verb("fuse", "fuse", "Fuse a walk's predicted poses with its tracked ones"),
-        "evaluate": Verb(
-            "evaluate", "evaluate", "Compare fused walks with ground truth: tables, figures"
-        ),
-        "vio-quality": Verb(
-            "vio_quality", "vio_quality", "Compare a tracker with ground truth: drift, divergence"
-        ),
+        "evaluate": Verb("evaluate", "evaluate", "Compare fused walks with ground truth"),
+        "vio-quality": Verb("vio_quality", "vio_quality", "Measure a tracker's drift"),
     },
-    "Scenes and maps": {
+    "A place": {
         "import": Verb("import_", "import_", "Import a capture or data set into a scene"),
-        "scene check": Verb("scene", "scene_check", "Verify every file, line and image of a scene"),
+        "scene check": Verb("scene", "scene_check", "Verify every file and image of a scene"),
         "scene info": Verb(
-            "scene", "scene_info", "Print what scenes hold: images, extents, walking speeds"
+            "scene", "scene_info", "Print what scenes hold: images, extents, speeds"
         ),
-        "map": Verb("map_scene", "map_", "Make a metric, gravity-aligned map and ground truth"),
+        "map": Verb("map_scene", "map_", "Make a metric, upright map and ground truth"),
     },
-    "Pose regressors": {
+    "A localizer of the place": {
         "train": Verb("train", "train", "Train a pose regressor on recordings of scenes"),
         "predict": Verb("predict", "predict", "Predict the poses of a scene's images"),
     },
-    "One file for phones": {
+    "An app": {
         "export": Verb("export", "export", "Write regressor and fusion as one ONNX file"),
         "localize": Verb("localize", "localize_", "Localize a recorded walk with an exported file"),
-        "bench": Verb("bench", "bench_", "Measure an exported file: latency, memory, size, energy"),
+        "bench": Verb("bench", "bench_", "Measure an exported file: latency, memory, energy"),
     },
     "Without data of your own": {
-        "demo": Verb("demo", "demo", "Localize a walk from its pictures and open the report"),
+        "demo": Verb("demo", "demo", "Localize a walk from its pictures, open the report"),
         "simulate courtyard": Verb(
-            "simulate", "simulate_courtyard", "Render a courtyard and walks through it, as a scene"
+            "simulate", "simulate_courtyard", "Render a courtyard and walks through it: a scene"
         ),
-        "simulate walks": Verb(
-            "simulate", "simulate_walks", "Simulate walks without images: truth, VIO, predictions"
-        ),
+        "simulate walks": Verb("simulate", "simulate_walks", "Simulate walks without images"),
     },
     "Published results": {
         "reproduce marvin": Verb(
@@ -77,25 +69,42 @@ GROUPS: dict[str, dict[str, Verb]] = {
         ),
     },
 }
-"""The verbs by what they are for, in the order of the help."""
+"""The verbs by what they are for, in the order of the work."""
 
 VERBS: dict[str, Verb] = {name: verb for group in GROUPS.values() for name, verb in group.items()}
 
+FAMILIES: frozenset[str] = frozenset(name.split()[0] for name in VERBS if " " in name)
+"""First words of the verbs of two words."""
 
-def describe_verbs(prefix: str = "") -> str:
-    """List the verbs by group, a line each.
+USAGE = "usage: vioapr VERB [FLAGS]"
+_ABOUT = """Robust absolute poses from a pose regressor and a phone's visual-inertial
+odometry: predicted and tracked poses in, a pose for every frame out."""
+_MORE = """vioapr VERB --help    explain a verb and its flags (as vioapr help VERB)
+vioapr --version      print the version
 
-    Args:
-        prefix: First word of the verbs to list; by default all are.
-    """
+The file - is standard input or output. Exit codes: 0 done; 2 something that
+you can mend, said in one line; 130 interrupted; 1 a fault of ours.
+COLUMNS, NO_COLOR and TERM=dumb are respected."""
+
+
+def describe_verbs() -> str:
+    """Compose the help of the whole command line: the verbs by group, a line each."""
     column = max(map(len, VERBS)) + 4
-    parts = []
-    for title, verbs in GROUPS.items():
-        listed = [
-            f"  {name}".ljust(column) + verb.summary
-            for name, verb in verbs.items()
-            if prefix in ("", name.split()[0])
-        ]
-        if listed:
-            parts.append("\n".join([f"{title}:", *listed]))
-    return "\n\n".join(parts)
+    parts = [
+        "\n".join([f"{title}:", *(_line(name, column) for name in verbs)])
+        for title, verbs in GROUPS.items()
+    ]
+    return "\n\n".join([USAGE, _ABOUT, *parts, _MORE])
+
+
+def describe_family(family: str) -> str:
+    """Compose the help of the verbs that begin with a word: theirs alone."""
+    names = [name for name in VERBS if name.split()[0] == family]
+    column = max(map(len, names)) + 4
+    usage = f"usage: vioapr {family} {{{','.join(name.split()[1] for name in names)}}} [FLAGS]"
+    lines = "\n".join(_line(name, column) for name in names)
+    return f"{usage}\n\n{lines}\n\nvioapr {family} VERB --help explains a verb and its flags."
+
+
+def _line(name: str, column: int) -> str:
+    return f"  {name}".ljust(column) + VERBS[name].summary

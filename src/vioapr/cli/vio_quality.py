@@ -46,6 +46,9 @@ def vio_quality(
             read.
         tolerance_s: Largest difference of timestamps within a frame, s.
         params: What is compared.
+
+    Example:
+        vioapr vio-quality courtyard --figures figures
     """
     walks = find_vio_walks(paths)
     read = [file for walk in walks for file in walk.files]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from vioapr.geometry.arrays import Array, Mask
 from vioapr.geometry.rigid import Rigid3
@@ -15,16 +15,20 @@ from vioapr.geometry.tree import tree_at
 class Status(IntEnum):
     """Where a frame's pose comes from (paper, Figure 2)."""
 
-    UNLOCALIZED = 0
-    """No pose: nothing is known yet, or the tracker is lost. The pose is NaN."""
-    TRACKED = 1
-    """Carried by VIO from the last reference."""
-    KEYFRAME = 2
-    """The regressor's pose, which VIO confirms."""
-    OPTIMIZED = 3
-    """The regressor's pose was replaced by one that the method computed."""
-    PREDICTED = 4
-    """The regressor's pose, unchecked (method `apr`)."""
+    UNLOCALIZED = 0, "no pose, all numbers nan: nothing is known yet, or the tracker is lost"
+    TRACKED = 1, "VIO, carried on from earlier frames: this frame has no prediction that is used"
+    KEYFRAME = 2, "the prediction, which VIO confirms (method vio-apr)"
+    OPTIMIZED = 3, "the method computed it, in place of this frame's prediction"
+    PREDICTED = 4, "the prediction, unchecked: method apr, or the tracker is lost (consensus)"
+
+    meaning: str
+
+    def __new__(cls, value: int, meaning: str) -> Self:
+        """Make a status of its number and of where the pose comes from, for people."""
+        status = int.__new__(cls, value)
+        status._value_ = value
+        status.meaning = meaning
+        return status
 
     @property
     def label(self) -> str:

@@ -23,10 +23,10 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.diagnostics import MAX_NAMED, turn_y_up
 from vioapr.importers.image_paths import ImagePaths
+from vioapr.importers.matrices import poses_of_matrices
 from vioapr.importers.transforms import (
     Transforms,
     TransformsFrame,
-    poses_of_matrices,
     read_times,
 )
 from vioapr.importers.transforms_world import World, find_world
@@ -57,8 +57,12 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
     leave_out_repeats(found, image_of)
     times, clock = order_frames(found, options)
     images = [image_of[frame.entry] for frame in found.frames]
-    poses, scale = poses_of_matrices(found, found.frames)
-    world = find_world(found, poses, scale)
+    poses = poses_of_matrices(np.array([frame.matrix for frame in found.frames]))
+    for row, problem in poses.problems.items():
+        frame = found.frames[row]
+        text = f"{problem}: the frame {frame.file_path} has no pose"
+        found.problems.append(FormatError(found.path, text, frame.entry))
+    world = find_world(found, poses.world_from_cam, poses.scale)
     walk = Walk(
         id=options.id or id_of(path.resolve().parent.name),
         split=options.split_or("train"),
@@ -237,7 +241,7 @@ def say_scale(walk: Walk, world: World, options: ImportOptions) -> None:
 
 IMPORTER = Importer(
     name="nerfstudio",
-    title="transforms.json of nerfstudio, instant-ngp, NeRFCapture or Polycam",
+    title="transforms.json of nerfstudio, instant-ngp or NeRFCapture",
     layout="transforms.json, or the folder that holds it, with its images",
     read=read,
     uses=frozenset({"rate_hz", "metric"}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from vioapr.errors import ParameterError
 from vioapr.importers import (
     advio,
     cambridge,
+    frame_files,
     images,
     marvin,
     nerfstudio,
@@ -30,13 +32,24 @@ IMPORTERS: dict[str, Importer] = {
         record3d.IMPORTER,
         advio.IMPORTER,
         nerfstudio.IMPORTER,
+        frame_files.SCANNER_APP,
+        frame_files.POLYCAM,
         sevenscenes.IMPORTER,
         cambridge.IMPORTER,
         images.IMPORTER,
     )
 }
 
-_ALIASES = {"polycam": "nerfstudio", "instant-ngp": "nerfstudio", "sevenscenes": "7scenes"}
+_ALIASES = {
+    "3d-scanner-app": "scanner-app",
+    "3dscannerapp": "scanner-app",
+    "instant-ngp": "nerfstudio",
+    "nerfcapture": "nerfstudio",
+    "sevenscenes": "7scenes",
+    "spectacular-ai": "nerfstudio",
+    "stray-scanner": "stray",
+    "transforms": "nerfstudio",
+}
 
 
 @dataclass(frozen=True)
@@ -62,7 +75,8 @@ def get_importer(name: str) -> Importer:
     Raises:
         ParameterError: There is none; the message lists them.
     """
-    name = _ALIASES.get(name.lower(), name.lower())
+    name = re.sub(r"[ _]", "-", name.lower())
+    name = _ALIASES.get(name, name)
     if name not in IMPORTERS:
         raise ParameterError(f"unknown source {name!r}: expected one of {', '.join(IMPORTERS)}")
     return IMPORTERS[name]

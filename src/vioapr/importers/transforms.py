@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -12,10 +11,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.text import read_text
-from vioapr.formats import conventions
-from vioapr.formats.poses import MAX_DISTANCE_M
-from vioapr.geometry import quaternion
-from vioapr.geometry.rigid import Rigid3
+from vioapr.formats.times import PER_SECOND, find_time_unit
 from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 
 _CAMERA = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
@@ -24,7 +20,6 @@ _TIMES = {
     "timestamp": None, "timestamp_s": 1.0, "timestamp_ms": 1e-3, "timestamp_us": 1e-6,
     "timestamp_ns": 1e-9, "time_s": 1.0, "time": None,
 }  # fmt: skip
-_ROUNDING = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +104,7 @@ class Transforms:
 
 
 def read_matrix(path: Path, value: object, entry: int) -> tuple[NDArray[np.float64], str | None]:
-    """A frame's matrix as 4x4, and what is wrong with it: nested or flat lists, 3 rows or 4."""
+    """A frame's matrix as 4x4, and what keeps it from being one: lists of 3 rows or 4, or flat."""
     unusable = np.full((4, 4), np.nan)
     if value is None:
         return unusable, 'expected a "transform_matrix", found none'
@@ -119,65 +114,8 @@ def read_matrix(path: Path, value: object, entry: int) -> tuple[NDArray[np.float
         except FormatError:
             continue
         matrix = np.vstack([numbers.reshape(-1, 4)[:3], [0.0, 0.0, 0.0, 1.0]])
-        if not np.isfinite(matrix).all():
-            return unusable, 'expected finite numbers in "transform_matrix"'
-        if np.abs(matrix[:3, 3]).max() > MAX_DISTANCE_M:
-            farthest = np.abs(matrix[:3, 3]).max()
-            return (
-                unusable,
-                f"expected a position within {MAX_DISTANCE_M:.0e} m, got {farthest:.3g}",
-            )
         return matrix, None
     return unusable, 'expected a "transform_matrix" of 4x4 numbers'
-
-
-def poses_of_matrices(
-    found: Transforms, frames: Sequence[TransformsFrame]
-) -> tuple[Rigid3, NDArray[np.float64]]:
-    """Poses of some frames, NaN where a matrix is none of a rotation; problems are added.
-
-    A matrix may carry a scale, the same along all axes: it is taken off the rotation.
-
-    Returns:
-        world_from_cam, OpenCV axes, shape (n,); the scale of each matrix, 1 mostly.
-    """
-    matrices = np.array([frame.matrix for frame in frames])
-    rotations = matrices[:, :3, :3]
-    # Bounded before it is multiplied, so that nothing overflows.
-    is_sane = np.isfinite(matrices).all(axis=(1, 2)) & (np.abs(rotations) < 1e6).all(axis=(1, 2))
-    safe = np.where(is_sane.reshape(-1, 1, 1), rotations, np.eye(3))
-    lengths = np.linalg.norm(safe, axis=1)
-    scale: NDArray[np.float64] = lengths.mean(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        unit = np.asarray(safe / scale[:, None, None])
-        products = np.swapaxes(unit, 1, 2) @ unit
-    is_rotation = np.asarray(np.abs(products - np.eye(3)) <= _ROUNDING).all(axis=(1, 2))
-    determinants = np.asarray(np.linalg.det(np.where(np.isfinite(unit), unit, 0.0)))
-    is_mirror = is_rotation & (determinants < 0)
-    is_odd = np.isfinite(matrices).all(axis=(1, 2)) & ~(is_sane & is_rotation)
-    for row in np.flatnonzero(is_odd).tolist():
-        problem = "expected a rotation matrix, got one not orthonormal"
-        found.problems.append(_no_pose(found, frames[row], problem))
-    for row in np.flatnonzero(is_mirror).tolist():
-        problem = "expected a rotation matrix, got a mirror image (determinant -1)"
-        found.problems.append(_no_pose(found, frames[row], problem))
-    known = np.flatnonzero(is_sane & is_rotation & ~is_mirror)
-    poses = Rigid3.unknown((len(frames),))
-    arcam = Rigid3(matrices[known, :3, 3], quaternion.from_matrix(_nearest_rotations(unit[known])))
-    cam = conventions.world_from_arcam(arcam)
-    poses.translation_m[known], poses.quat_xyzw[known] = cam.translation_m, cam.quat_xyzw
-    return poses, np.where(is_sane & is_rotation, scale, 1.0)
-
-
-def _no_pose(found: Transforms, frame: TransformsFrame, problem: str) -> FormatError:
-    text = f"{problem}: the frame {frame.file_path} has no pose"
-    return FormatError(found.path, text, frame.entry)
-
-
-def _nearest_rotations(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotations nearest to matrices that are almost such, shape (n, 3, 3)."""
-    left, _, right = np.linalg.svd(matrices)
-    return left @ right
 
 
 def read_times(found: Transforms) -> tuple[NDArray[np.float64], str] | None:
@@ -194,7 +132,8 @@ def read_times(found: Transforms) -> tuple[NDArray[np.float64], str] | None:
         if len(known) < 0.9 * len(values) or (key == "time" and known.max() <= 1):
             continue
         if scale is None:
-            scale, unit = unit_of_times(known)
+            unit = find_time_unit(np.sort(known)).unit
+            scale = 1 / PER_SECOND[unit]
         else:
             unit = key.rpartition("_")[2]
         return values * scale, unit
@@ -207,25 +146,3 @@ def _number(value: object) -> float:
         return float(value) if isinstance(value, int | float | str) else np.nan
     except (ValueError, OverflowError):
         return np.nan
-
-
-def unit_of_times(values: NDArray[np.float64]) -> tuple[float, str]:
-    """The unit of timestamps: by how large they are, else by the step between frames.
-
-    Args:
-        values: Shape (n,), n above 0, finite, in any order.
-
-    Returns:
-        Seconds of one unit, and the unit's name.
-    """
-    # Since 1970: seconds are 1e9, and so on by thousands.
-    largest = float(np.abs(values).max())
-    for scale, unit, least in ((1e-9, "ns", 1e17), (1e-6, "us", 1e14), (1e-3, "ms", 1e11)):
-        if largest > least:
-            return scale, unit
-    steps = np.diff(np.unique(values))
-    step = float(np.median(steps)) if len(steps) else 0.0
-    for scale, unit, least in ((1e-9, "ns", 3e6), (1e-6, "us", 4e3), (1e-3, "ms", 8.0)):
-        if step > least:
-            return scale, unit
-    return 1.0, "s"

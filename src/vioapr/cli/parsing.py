@@ -1,0 +1,109 @@
+"""From words to a verb with its parameters; and what is wrong with the words, in one line."""
+
+from __future__ import annotations
+
+import functools
+import io
+import re
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from vioapr.cli.parameters import Parameter, parameters_of
+from vioapr.cli.suggestions import suggest
+from vioapr.errors import VioAprError
+
+
+def parse_flags(
+    name: str, function: Callable[..., None], arguments: Sequence[str]
+) -> functools.partial[None]:
+    """Bind a verb to its flags without running it, so that only parsing errors are rewritten.
+
+    Args:
+        name: A key of `vioapr.cli.verbs.VERBS`.
+        function: The verb's.
+        arguments: What follows the verb.
+
+    Raises:
+        VioAprError: They are not the verb's flags.
+    """
+    import tyro
+
+    see = f"(see vioapr {name} --help)"
+    if problem := find_problem(arguments, list(parameters_of(function))):
+        raise VioAprError(f"{problem} {see}")
+
+    @functools.wraps(function)
+    def bind(*args: object, **kwargs: object) -> functools.partial[None]:
+        return functools.partial(function, *args, **kwargs)
+
+    messages = io.StringIO()
+    try:
+        with redirect_stderr(messages):
+            return tyro.cli(bind, prog=f"vioapr {name}", args=arguments, add_help=False)
+    except SystemExit:
+        raise VioAprError(f"{summarize_parser_message(messages.getvalue())} {see}") from None
+
+
+def find_problem(arguments: Sequence[str], parameters: Sequence[Parameter]) -> str:
+    """Find the first unknown flag, or the first value that is none of a flag's choices.
+
+    Returns:
+        What is wrong, or nothing.
+    """
+    by_flag = {flag: one for one in parameters for flag in one.flags}
+    for number, word in enumerate(arguments):
+        if word == "--":
+            break
+        if not word.startswith("--") and not re.match(r"-[A-Za-z]", word):
+            continue
+        given, has_value, value = word.partition("=")
+        flag = given.replace("_", "-")
+        if flag not in by_flag:
+            return f"unknown flag {given}{suggest(given, by_flag)}"
+        if not has_value:
+            value = arguments[number + 1] if number + 1 < len(arguments) else None
+        choices = _choices(by_flag[flag].kind)
+        if choices and value is not None and not value.startswith("--") and value not in choices:
+            expected = f"expected one of {', '.join(choices)}, got {value!r}"
+            return f"{flag}: {expected}{suggest(value, choices)}"
+    return ""
+
+
+def _choices(kind: Any) -> list[str]:
+    """The values that a type of choices has; nothing for other types."""
+    if get_origin(kind) is Literal:
+        return [str(value) for value in get_args(kind)]
+    if get_origin(kind) in (Union, UnionType):
+        return [choice for one in get_args(kind) for choice in _choices(one)]
+    return []
+
+
+def summarize_parser_message(box: str) -> str:
+    """Say in one line what the parser says in a box of several, drawn or plain.
+
+    Args:
+        box: A title, then sections with lines between them: the message, then hints.
+    """
+    lines = [line.strip("│╭╮╰╯").rstrip() for line in box.splitlines()[1:]]  # without the title
+    margin = min(len(line) - len(line.lstrip()) for line in lines if line.strip(" ─-"))
+    message: list[str] = []
+    for line in lines:
+        if line.strip(" ─-"):
+            message.append(line[margin:])
+        elif line.strip() and message:
+            break
+    if message[0].startswith("Missing from"):
+        found = [re.match(r" {4}(\S+)", line) for line in message[1:]]
+        return f"missing {', '.join(match[1] for match in found if match)}"
+    text = " ".join(line.strip() for line in message).rstrip(".")
+    if found := re.match(r"Missing value for argument '(\S+)'", text):
+        return f"{found[1]}: expected a value after it, got none"
+    if found := re.match(r"Error parsing (\S+): could not convert string to float: (.*)", text):
+        return f"{found[1]}: expected a number, got {found[2]}"
+    if found := re.match(r"Error parsing (\S+): invalid literal for int\(\) .*: (.*)", text):
+        return f"{found[1]}: expected a whole number, got {found[2]}"
+    if found := re.match(r"Unrecognized options: (.*)", text):
+        return f"expected no more than the files that the verb takes, got also {found[1]}"
+    return text
