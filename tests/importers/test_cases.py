@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.cases_of import case_folder
 
+from vioapr.errors import FormatError
 from vioapr.importers.base import ImportOptions
 from vioapr.importers.registry import get_importer, import_source
 from vioapr.scene.check import check_scene
@@ -108,3 +109,29 @@ def test_3d_scanner_app(tmp_path):
     np.testing.assert_allclose(np.array(frames.intrinsics)[:, 0], [96, 72, 72.7, 72.7, 48.6, 35.7])
     info = found.recording.info
     assert (info.is_metric, info.is_gravity_aligned, info.tracker) == (True, True, "ARKit")
+
+
+def test_cambridge_with_one_absurd_row(tmp_path):
+    source = case_folder("06-cambridge-one-broken-row")
+    found = list(
+        import_source(
+            get_importer("cambridge"), source, tmp_path / "s", ImportOptions(), progress=silent
+        )
+    )
+    scene = Scene.open(tmp_path / "s")
+    recordings = [scene.recording(one.folder.name) for one in found]
+    frames = sum(len(recording.frames) for recording in recordings)
+    labelled = sum(len(scene.gt(one.folder.name)) for one in found)
+    assert (frames, labelled) == (40, 39)
+    assert all(recording.frames.has_image.all() for recording in recordings)
+    (warning,) = [f.text for one in found for f in one.findings if f.is_warning]
+    assert (
+        warning == "dataset_train.txt:24: position is 3.1e9 m away, left out (seq1/frame00021.png)"
+    )
+    assert not check_scene(tmp_path / "s").errors
+
+
+def test_cambridge_with_one_absurd_row_is_refused_under_strict(tmp_path):
+    source = case_folder("06-cambridge-one-broken-row")
+    with pytest.raises(FormatError, match=r"dataset_train.txt:24: expected positions within"):
+        get_importer("cambridge").read(source, ImportOptions(strict=True))

@@ -45,7 +45,7 @@ def test_stray(stray_folder):
     np.testing.assert_allclose(found.vio_from_cam.quat_xyzw, walk().quat_xyzw)
     assert found.image_names[3] == "000003.jpg"
     assert list(found.images)[3] == stray_folder / "rgb/000003.jpg"
-    assert found.intrinsics[2:] == (20, 21, 8, 6)
+    assert np.array(found.intrinsics)[2:, 0].tolist() == [20, 21, 8, 6]
     assert "20 frames: 20 with image, 20 with tracker's pose" in texts(found, warnings=False)
     assert "the tracker's +y is up" in texts(found, warnings=False)
     assert not texts(found, warnings=True)
@@ -185,7 +185,7 @@ def test_record3d(is_zip, record3d_folder, tmp_path):
     images = list(found.images)
     content = images[12] if is_zip else images[12].read_bytes()
     assert content == jpeg(shade=12)
-    assert found.intrinsics == (16, 12, 20, 21, 8, 6)
+    assert np.array(found.intrinsics)[:, 0].tolist() == [16, 12, 20, 21, 8, 6]
     assert not texts(found, warnings=True)
 
 
@@ -198,7 +198,7 @@ def change_metadata(folder, **changes):
 def test_record3d_matrix_by_rows(record3d_folder):
     change_metadata(record3d_folder, K=[20, 0, 8, 0, 21, 6, 0, 0, 1])
     (found,) = read_walks(RECORD3D, record3d_folder)
-    assert found.intrinsics == (16, 12, 20, 21, 8, 6)
+    assert np.array(found.intrinsics)[:, 0].tolist() == [16, 12, 20, 21, 8, 6]
 
 
 def test_record3d_intrinsics_of_every_frame(record3d_folder):
@@ -226,3 +226,43 @@ def test_record3d_without_images(record3d_folder):
 def test_record3d_without_metadata(tmp_path):
     with pytest.raises(FormatError, match=r"expected a file metadata or metadata.json"):
         read_walks(RECORD3D, tmp_path)
+
+
+def test_stray_rows_without_a_pose_are_lost_frames(stray_folder):
+    path = stray_folder / "odometry.csv"
+    lines = path.read_text().splitlines()
+    for line in (1, 2, 7):
+        fields = lines[line].split(", ")
+        lines[line] = ", ".join([*fields[:2], *["nan"] * 7, *fields[9:]])
+    path.write_text("\n".join(lines) + "\n")
+    (found,) = read_walks(STRAY, stray_folder)
+    assert len(found) == COUNT
+    assert np.flatnonzero(~found.vio_from_cam.is_known).tolist() == [0, 1, 6]
+    np.testing.assert_allclose(found.timestamp_s, walk().timestamp_s)
+    assert found.image_names[6] == "000006.jpg"
+    warning = texts(found, warnings=True)
+    assert "3 rows have no pose" in warning
+    assert "poses: 3 of 20 frames have none (tracking lost)" in warning
+
+
+def test_stray_a_repeated_row_is_left_out(stray_folder):
+    path = stray_folder / "odometry.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:5], lines[4], *lines[5:]]) + "\n")
+    (found,) = read_walks(STRAY, stray_folder)
+    assert found.image_names == [f"{k:06d}.jpg" for k in range(COUNT)]
+    assert "is a duplicate of one before" in texts(found, warnings=True)
+    with pytest.raises(FormatError, match=r"odometry.csv:6: expected increasing timestamps"):
+        read_walks(STRAY, stray_folder, strict=True)
+
+
+def test_record3d_rows_without_a_pose_are_lost_frames(record3d_folder):
+    poses = json.loads((record3d_folder / "metadata").read_text())["poses"]
+    poses[4], poses[5] = [float("nan")] * 7, [0.0] * 7
+    change_metadata(record3d_folder, poses=poses)
+    (found,) = read_walks(RECORD3D, record3d_folder)
+    assert np.flatnonzero(~found.vio_from_cam.is_known).tolist() == [4, 5]
+    assert found.image_names[6] == "000006.jpg"
+    assert list(found.images)[6] == record3d_folder / "rgbd/6.jpg"
+    np.testing.assert_allclose(found.vio_from_cam.translation_m[6], walk().position_m[6])
+    assert "2 rows have no pose" in texts(found, warnings=True)

@@ -287,6 +287,7 @@ def labelled_walk(
     source: Path,
     title: str,
     labels: Trajectory,
+    names: Sequence[str],
     images: Sequence[Path],
     rate_hz: float,
     intrinsics: Intrinsics,
@@ -300,13 +301,16 @@ def labelled_walk(
         split: Its split.
         source: For messages.
         title: The data set.
-        labels: world_from_cam, a pose an image.
+        labels: world_from_cam of images with names; some have none.
+        names: Of all images.
         images: Where they are.
         rate_hz: Frames per second: there are no timestamps.
         intrinsics: Of all images.
     """
-    times = np.arange(len(labels)) / rate_hz
-    poses = Rigid3.unknown((len(labels),))
+    times = np.arange(len(names)) / rate_hz
+    poses = Rigid3.unknown((len(names),))
+    row_of = {name: row for row, name in enumerate(names)}
+    rows = np.array([row_of[name] for name in labels.names or ()], dtype=np.intp)
     walk = Walk(
         id=id_,
         split=split,
@@ -318,7 +322,7 @@ def labelled_walk(
         vio_from_cam=poses,
         tracking=tracking_of(poses),
         intrinsics=intrinsics,
-        gt=timed_gt(labels, times),
+        gt=timed_gt(labels, times[rows]),
     )
     walk.note(f"no timestamps: counted at {rate_hz:g} frames per second")
     walk.note("no tracker: the poses are ground truth, and no frame has one of a tracker")

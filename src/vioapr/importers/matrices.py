@@ -38,8 +38,8 @@ def poses_of_matrices(matrices: NDArray[np.float64]) -> MatrixPoses:
         matrices: Shape (n, 4, 4); all NaN where nothing is known, which is no problem.
     """
     rotations, positions = matrices[:, :3, :3], matrices[:, :3, 3]
-    is_finite: NDArray[np.bool_] = np.isfinite(matrices).all(axis=(1, 2))
-    is_near: NDArray[np.bool_] = (np.abs(positions) <= MAX_DISTANCE_M).all(axis=1)
+    is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    is_near = np.asarray((np.abs(positions) <= MAX_DISTANCE_M).all(axis=1))
     # Bounded before it is multiplied, so that nothing overflows.
     is_sane = is_finite & is_near & (np.abs(rotations) < 1e6).all(axis=(1, 2))
     safe = np.where(is_sane.reshape(-1, 1, 1), rotations, np.eye(3))

@@ -13,7 +13,6 @@ from vioapr.errors import FormatError
 from vioapr.files.images import IMAGE_SUFFIXES
 from vioapr.files.text import natural_key
 from vioapr.formats import record3d
-from vioapr.formats.base import ReadOptions
 from vioapr.importers.base import (
     Image,
     ImportedScene,
@@ -25,6 +24,7 @@ from vioapr.importers.base import (
     one_walk,
     tracking_of,
 )
+from vioapr.importers.reading import frames_of_rows, read_noted
 from vioapr.scene.frames import Intrinsics
 from vioapr.schemas.foreign_json import as_numbers, load_object
 from vioapr.schemas.recording import RecordingInfo
@@ -47,11 +47,14 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         if not found:
             raise FormatError(source, f"expected a file {' or '.join(_METADATA)}, found none")
         metadata = found[0]
-    read_options = ReadOptions(rate_hz=options.rate_hz or _DEFAULT_RATE_HZ)
-    vio = record3d.read(metadata, read_options)
+    rate_hz = options.rate_hz or _DEFAULT_RATE_HZ
+    reading = read_noted(record3d.read, metadata, options, rate_hz=rate_hz)
+    count = len(reading.trajectory) + len(reading.left_out)
+    frames = frames_of_rows(reading, range(1, count + 1))
     content = load_object(metadata, record3d.read_metadata(metadata))
     images = find_images(source)
     suffixes = {row: Path(image).suffix.lower() for row, image in images.items()}
+    rows: list[int] = frames.rows.tolist()
     has_clock = "frameTimestamps" in content
     walk = Walk(
         id=options.id or id_of(source.resolve().stem),
@@ -60,16 +63,15 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
             tracker="ARKit", source="Record3D", clock="device" if has_clock else "frame-rate"
         ),
         source=source,
-        timestamp_s=vio.timestamp_s,
-        image_names=[
-            f"{row:06d}{suffixes[row]}" if row in suffixes else "" for row in range(len(vio))
-        ],
-        images=read_images(source, images, len(vio)),
-        vio_from_cam=vio.target_from_source,
-        tracking=tracking_of(vio.target_from_source),
-        intrinsics=read_intrinsics(metadata, content, len(vio)),
+        timestamp_s=frames.timestamp_s,
+        image_names=[f"{row:06d}{suffixes[row]}" if row in suffixes else "" for row in rows],
+        images=read_images(source, images, rows),
+        vio_from_cam=frames.vio_from_cam,
+        tracking=tracking_of(frames.vio_from_cam),
+        intrinsics=read_intrinsics(metadata, content, count).at(frames.rows),
         up="first-pose",
     )
+    reading.say(walk)
     if not has_clock:
         walk.warn("no timestamps: counted from the frame rate")
     unused = len(images) - sum(1 for name in walk.image_names if name)
@@ -101,13 +103,13 @@ def find_images(source: Path) -> dict[int, str]:
     return {int(Path(name).stem): name for name in found if Path(name).stem.isdecimal()}
 
 
-def read_images(source: Path, images: dict[int, str], count: int) -> Iterator[Image]:
+def read_images(source: Path, images: dict[int, str], rows: list[int]) -> Iterator[Image]:
     """The images of some frames in order, as paths or bytes; None where there is none."""
     if source.is_dir():
-        yield from (Path(images[row]) if row in images else None for row in range(count))
+        yield from (Path(images[row]) if row in images else None for row in rows)
         return
     with zipfile.ZipFile(source) as archive:
-        for row in range(count):
+        for row in rows:
             try:
                 yield archive.read(images[row]) if row in images else None
             except zipfile.BadZipFile:
@@ -125,15 +127,17 @@ def read_intrinsics(path: Path, content: dict[str, Any], count: int) -> Intrinsi
         for key in ("w", "h")
     )
     per_frame = content.get("perFrameIntrinsicCoeffs")
+    sizes = np.full(count, width), np.full(count, height)
     if isinstance(per_frame, list) and len(per_frame) == count:
         rows = [as_numbers(path, row, (4,), "intrinsics", n) for n, row in enumerate(per_frame, 1)]
-        return Intrinsics(width, height, *np.array(rows).T)
+        return Intrinsics(*sizes, *np.array(rows).T)
     if "K" not in content:
-        return Intrinsics(width, height)
+        return Intrinsics(*sizes, *np.full((4, count), np.nan))
     k = as_numbers(path, content["K"], (9,), '"K"', 1).reshape(3, 3)
     # Written column by column, but some tools that rewrite the file do so row by row.
     k = k.T if k[0, 2] == 0 and k[1, 2] == 0 else k
-    return Intrinsics(width, height, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+    pinhole = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+    return Intrinsics(*sizes, *np.repeat(pinhole[:, None], count, axis=1))
 
 
 IMPORTER = Importer(

@@ -9,7 +9,6 @@ from pathlib import Path
 from vioapr.errors import FormatError
 from vioapr.files.text import natural_key, read_text, require_folder
 from vioapr.formats import sevenscenes
-from vioapr.formats.base import ReadOptions
 from vioapr.importers.base import (
     ImportedScene,
     Importer,
@@ -19,6 +18,7 @@ from vioapr.importers.base import (
     labelled_walk,
     require_one,
 )
+from vioapr.importers.reading import read_noted
 from vioapr.scene.frames import Intrinsics
 from vioapr.schemas.scene import World
 
@@ -54,18 +54,19 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
 
     def walks() -> Iterator[Walk]:
         for folder in folders:
-            labels = sevenscenes.read(folder, ReadOptions())
-            assert labels.names is not None
+            reading = read_noted(sevenscenes.read, folder, options)
             walk = labelled_walk(
                 options.id or id_of(folder.resolve().name),
                 options.split_or(split_of.get(_number(folder.name))),
                 folder,
                 "7-Scenes",
-                labels,
-                [folder / name.split("/")[-1] for name in labels.names],
+                reading.trajectory,
+                reading.names,
+                [folder / name.split("/")[-1] for name in reading.names],
                 options.rate_hz or _RATE_HZ,
                 _CAMERA,
             )
+            reading.say(walk)
             walk.note("intrinsics: the nominal 525 px of the colour camera")
             yield walk
 

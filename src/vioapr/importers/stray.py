@@ -17,7 +17,6 @@ from vioapr.errors import FormatError
 from vioapr.files.tables import Rows, parse_rows, read_headed_csv
 from vioapr.files.text import read_text, require_folder
 from vioapr.formats import stray
-from vioapr.formats.base import ReadOptions
 from vioapr.formats.headed import POSE_COLUMNS
 from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2
 from vioapr.importers.base import (
@@ -31,6 +30,7 @@ from vioapr.importers.base import (
     one_walk,
     tracking_of,
 )
+from vioapr.importers.reading import frames_of_rows, read_noted
 from vioapr.importers.video import count_video_frames, read_video
 from vioapr.scene.frames import Intrinsics
 from vioapr.scene.sensors import Imu
@@ -57,22 +57,25 @@ def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
 def read_walk(source: Path, options: ImportOptions) -> Walk:
     """Read the odometry, cameras, images and sensors of a recording."""
     odometry = source / _ODOMETRY
-    vio = stray.read(odometry, ReadOptions())
-    numbers, intrinsics = read_cameras(source)
+    reading = read_noted(stray.read, odometry, options)
+    lines, numbers, intrinsics = read_cameras(source)
+    frames = frames_of_rows(reading, lines)
+    numbers, intrinsics = numbers[frames.rows], intrinsics.at(frames.rows)
     names, images, problem = find_images(source, numbers)
     walk = Walk(
         id=options.id or id_of(source.resolve().name),
         split=options.split_or("train"),
         info=RecordingInfo(tracker="ARKit", source="Stray Scanner"),
         source=source,
-        timestamp_s=vio.timestamp_s,
+        timestamp_s=frames.timestamp_s,
         image_names=names,
         images=images,
-        vio_from_cam=vio.target_from_source,
-        tracking=tracking_of(vio.target_from_source),
+        vio_from_cam=frames.vio_from_cam,
+        tracking=tracking_of(frames.vio_from_cam),
         intrinsics=intrinsics,
         up="definition",
     )
+    reading.say(walk)
     if problem:
         walk.warn(problem)
     if (source / _IMU).exists():
@@ -85,23 +88,25 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
     return walk
 
 
-def read_cameras(source: Path) -> tuple[NDArray[np.int64], Intrinsics]:
-    """Frame numbers, and intrinsics of every frame, or, in older files, of the last."""
+def read_cameras(source: Path) -> tuple[list[int], NDArray[np.int64], Intrinsics]:
+    """Lines, frame numbers and intrinsics: of every frame, or, in older files, of the last."""
     odometry = source / _ODOMETRY
     try:
         rows = read_headed_csv(odometry, ("frame", "fx", "fy", "cx", "cy", *POSE_COLUMNS))
         values = rows.numbers(slice(0, 5))
-        return _frame_numbers(rows), Intrinsics(np.nan, np.nan, *values[:, 1:].T)
+        unknown = np.full((2, len(rows)), np.nan)
+        return rows.lines, _frame_numbers(rows), Intrinsics(*unknown, *values[:, 1:].T)
     except FormatError:
-        numbers = _frame_numbers(read_headed_csv(odometry, ("frame",)))
-    matrix = source / _MATRIX
+        table = read_headed_csv(odometry, ("frame",))
+    numbers, matrix = _frame_numbers(table), source / _MATRIX
     if not matrix.exists():
-        return numbers, Intrinsics()
+        return table.lines, numbers, Intrinsics(*np.full((6, len(table)), np.nan))
     rows = parse_rows(matrix, read_text(matrix), range(3, 4), what="a 3x3 matrix", delimiter=",")
     k = rows.numbers(slice(0, 3))
     if k.shape != (3, 3):
         raise FormatError(matrix, f"expected a 3x3 matrix, got {len(rows)} rows")
-    return numbers, Intrinsics(np.nan, np.nan, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+    camera = np.array([np.nan, np.nan, k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+    return table.lines, numbers, Intrinsics(*np.repeat(camera[:, None], len(table), axis=1))
 
 
 def _frame_numbers(rows: Rows) -> NDArray[np.int64]:
