@@ -5,8 +5,16 @@ from __future__ import annotations
 import pytest
 
 from vioapr.cli import main
+from vioapr.cli.console import start_verb
 from vioapr.scene.walks import write_walk
 from vioapr.simulation.walks import WalkParams, simulate_walk
+
+
+@pytest.fixture(autouse=True)
+def _messages_on_standard_output():
+    """Undoes what a verb that is called as a function did to the console."""
+    yield
+    start_verb()
 
 
 @pytest.fixture

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.table import Table
 
-from vioapr.cli.console import console, progress, say
+from vioapr.cli.console import progress
+from vioapr.cli.streams import OutputFile
+from vioapr.cli.tables import Column, Format, Row, Table, show
 from vioapr.errors import ParameterError
 from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_text
+from vioapr.report.formatting import UNKNOWN
 from vioapr.runtime.bench import bench
 from vioapr.schemas.base import encode
 from vioapr.schemas.bench import BenchResult
@@ -21,6 +23,7 @@ _LABELS = {
     "preprocess": "image to network input",
     "network": "regressor",
     "fusion": "fusion",
+    "between": "between the parts",
 }
 
 
@@ -30,7 +33,8 @@ def bench_(
     height: int = 480,
     width: int = 640,
     repeats: int = 100,
-    json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    json_out: Annotated[OutputFile | None, tyro.conf.arg(name="json")] = None,
+    form: Format = "table",
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Measure an exported localizer: latency by part, memory, size and energy.
@@ -42,6 +46,7 @@ def bench_(
         width: Of the images, pixels.
         repeats: How often every part is run, in turns.
         json_out: JSON to write the figures to.
+        form: How to print the figures.
         overwrite: Replace the JSON if it exists; never the file that is measured.
 
     Example:
@@ -54,27 +59,63 @@ def bench_(
     check_outputs([json_out], [model], overwrite=overwrite)
     with progress("measuring", repeats) as tick:
         found = bench(model, size=(height, width), repeats=repeats, threads=threads, tick=tick)
-    print_figures(found)
+    show([table_of(found)], form, found, notes_of(found))
     if json_out is not None:
         write_text(json_out, encode(found, indent=1))
 
 
-def print_figures(found: BenchResult) -> None:
-    """Print durations by part as a table, and below it size, memory, energy and machine."""
+def table_of(found: BenchResult) -> Table:
+    """Lay out the durations of the parts, and their shares of the whole, which make 100 %.
+
+    The parts are timed alone, and their medians need not add up to that of the whole: a row says
+    what is between, such as passing values from one part to the next.
+    """
     title = (
-        f"{found.file}: {found.regressor.model} {found.precision}, "
-        f"{found.method}; images {found.image_px[1]}x{found.image_px[0]}, "
-        f"{found.threads} threads"
+        f"{found.file}: {found.regressor.model} {found.precision}, {found.method}; "
+        f"images {found.image_px[1]}x{found.image_px[0]}, {found.threads} threads"
     )
-    table = Table(title=title, title_justify="left")
-    table.add_column("ms a frame")
-    for header in ("median", "p95", "p99", "of the whole"):
-        table.add_column(header, justify="right")
-    whole = found.ms["whole"].p50
-    for name, ms in found.ms.items():
-        values = (f"{value:.2f}" for value in (ms.p50, ms.p95, ms.p99))
-        table.add_row(_LABELS[name], *values, f"{100 * ms.p50 / whole:.0f} %")
-    console.print(table)
+    shares = shares_of(found)
+    rows: list[Row] = []
+    for name, share in shares.items():
+        ms = found.ms.get(name)
+        figures = [None] * 3 if ms is None else [ms.p50, ms.p95, ms.p99]
+        cells = [UNKNOWN if value is None else f"{value:.2f}" for value in figures]
+        names = ("median_ms", "p95_ms", "p99_ms")
+        rows.append(
+            Row(
+                (_LABELS[name], *cells, f"{share} %"),
+                {"part": name, **dict(zip(names, figures, strict=True)), "share_percent": share},
+            )
+        )
+    headers = ("median", "p95", "p99", "share")
+    columns = (Column("ms a frame", is_figure=False), *map(Column, headers))
+    return Table(title, columns, [rows])
+
+
+def shares_of(found: BenchResult) -> dict[str, int]:
+    """Share of each part in the whole, whole percents that add up to 100 over all parts.
+
+    Where the parts alone take longer than the whole, the shares are of their sum.
+    """
+    shares = {"whole": 100}
+    parts = {name: ms.p50 for name, ms in found.ms.items() if name != "whole"}
+    if not parts:
+        return shares
+    rest = found.ms["whole"].p50 - sum(parts.values())
+    if rest > 0:
+        parts["between"] = rest
+    total = sum(parts.values())
+    exact = {name: 100 * value / total for name, value in parts.items()}
+    floors = {name: int(value) for name, value in exact.items()}
+    # What rounding down leaves goes to those that lost most by it.
+    by_loss = sorted(exact, key=lambda name: floors[name] - exact[name])
+    for name in by_loss[: 100 - sum(floors.values())]:
+        floors[name] += 1
+    return shares | floors
+
+
+def notes_of(found: BenchResult) -> list[str]:
+    """Size, memory, energy and machine, and why figures are missing."""
     memory, energy = found.memory_mb, found.energy_j
     facts = [
         f"file {found.file_mb:.1f} MB",
@@ -83,6 +124,4 @@ def print_figures(found: BenchResult) -> None:
         + ("not exposed by this machine" if energy is None else f"{1e3 * energy:.1f} mJ a frame"),
         found.machine,
     ]
-    say("; ".join(facts))
-    if found.note:
-        say(found.note)
+    return ["; ".join(facts), *([found.note] if found.note else [])]

@@ -1,4 +1,4 @@
-"""What the command line prints with: two consoles, plain lines and progress bars."""
+"""What the command line prints with: data, messages, and how far work has come."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,20 +23,32 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from vioapr.cli.progress_lines import ProgressLines
 from vioapr.errors import SuspectTrackError
+from vioapr.work.progress import Advance
 
 if TYPE_CHECKING:
     from vioapr.formats.notes import ReadingNote
     from vioapr.formats.track_warnings import TrackWarning
 
-# Tables must not be cut where the output goes to a file or a pipe.
-_WIDTH = None if sys.stdout.isatty() else max(160, shutil.get_terminal_size().columns)
-
 # Of several training processes, the first one speaks for all.
 _IS_FIRST = all(os.environ.get(name, "0") == "0" for name in ("LOCAL_RANK", "NODE_RANK"))
 
-console = Console(width=_WIDTH, highlight=False, quiet=not _IS_FIRST)
+_console = Console(highlight=False, quiet=not _IS_FIRST)
 error_console = Console(stderr=True, highlight=False, quiet=not _IS_FIRST)
+_is_data_on_stdout = False
+_called: dict[str, str] = {}
+"""Temporary files, and what they are called in messages and data."""
+
+
+def is_watched() -> bool:
+    """Whether somebody looks at standard error as it is written, and it can be overwritten."""
+    return error_console.is_terminal and not error_console.is_dumb_terminal and _IS_FIRST
+
+
+def width() -> int:
+    """Columns to print in: `COLUMNS`, else the terminal's, else 80."""
+    return max(shutil.get_terminal_size().columns, 20)
 
 
 def say(text: str, style: str = "") -> None:
@@ -45,7 +58,13 @@ def say(text: str, style: str = "") -> None:
         text: Usually "path: fact about it".
         style: Of rich, e.g. "bold" or "yellow".
     """
-    console.print(Text(text, style=style), soft_wrap=True)
+    _messages().print(Text(renamed(text), style=style), soft_wrap=True)
+
+
+def explain(text: str, style: str = "") -> None:
+    """Print a text that explains, wrapped at the terminal's width; words stay whole."""
+    wrapped = textwrap.fill(text, width(), break_long_words=False, break_on_hyphens=False)
+    say(wrapped, style)
 
 
 def warn(text: str) -> None:
@@ -54,7 +73,8 @@ def warn(text: str) -> None:
     Args:
         text: Of the library; names of parameters in backticks become flags.
     """
-    error_console.print(Text(f"WARNING {with_flags(text)}", style="yellow"), soft_wrap=True)
+    text = f"WARNING {renamed(with_flags(text))}"
+    error_console.print(Text(text, style="yellow"), soft_wrap=True)
 
 
 def warn_of_tracks(warnings: Sequence[TrackWarning], *, strict: bool = False) -> None:
@@ -93,9 +113,46 @@ def with_flags(text: str) -> str:
     return re.sub(r"`(\w+)`", lambda m: "--" + m[1].replace("_", "-"), text)
 
 
+def emit(text: str) -> None:
+    """Print data on standard output, and nothing but them."""
+    if _IS_FIRST:
+        sys.stdout.write(renamed(text))
+
+
+def send_messages_aside() -> None:
+    """Print messages on standard error until the verb ends: standard output is for data."""
+    global _is_data_on_stdout
+    _is_data_on_stdout = True
+
+
+def start_verb() -> None:
+    """Print messages on standard output again, and call all files by their names."""
+    global _is_data_on_stdout
+    _is_data_on_stdout = False
+    _called.clear()
+
+
+def call_paths(names: Mapping[str, str]) -> None:
+    """Call temporary files by what they stand for, in all that is printed until the verb ends."""
+    _called.update(names)
+
+
+def renamed(text: str) -> str:
+    """A text in which temporary files are called by what they stand for."""
+    for path, name in _called.items():
+        text = text.replace(path, name)
+    return text
+
+
+def _messages() -> Console:
+    return error_console if _is_data_on_stdout else _console
+
+
 @contextmanager
-def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """Show a progress bar with ETA on standard error.
+def progress(title: str, total: int) -> Iterator[Advance]:
+    """Show on standard error how far work has come, and when it will end.
+
+    A terminal gets a bar; a file or a pipe gets a line after ten seconds, and then now and then.
 
     Args:
         title: Of the work.
@@ -104,6 +161,10 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
     Yields:
         A function to call at every step, or, with their number, after several.
     """
+    if not is_watched():
+        with ProgressLines(title, total, log) as lines:
+            yield lines.advance
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -112,7 +173,15 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
         TextColumn("ETA"),
         TimeRemainingColumn(),
     )
-    is_shown = error_console.is_terminal and _IS_FIRST
-    with Progress(*columns, console=error_console, transient=True, disable=not is_shown) as bar:
+    with Progress(*columns, console=error_console, transient=True) as bar:
         task = bar.add_task(title, total=total)
-        yield lambda steps=1: bar.advance(task, steps)
+
+        def advance(steps: int = 1, /) -> None:
+            bar.advance(task, steps)
+
+        yield advance
+
+
+def log(text: str) -> None:
+    """Print a line about how work goes on standard error."""
+    error_console.print(Text(text), soft_wrap=True)

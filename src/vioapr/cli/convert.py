@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from vioapr.cli.console import say, say_notes, warn
+from vioapr.cli.streams import InputFile, OutputFile
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.conversion import convert_file
 from vioapr.formats.corrections import Corrections
 
 
 def convert(
-    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IN")],
-    target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")],
+    source: Annotated[tyro.conf.Positional[InputFile], tyro.conf.arg(metavar="IN")],
+    target: Annotated[tyro.conf.Positional[OutputFile], tyro.conf.arg(metavar="OUT")],
     source_format: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
     target_format: Annotated[str | None, tyro.conf.arg(name="to", metavar="FORMAT")] = None,
     rate_hz: float | None = None,
@@ -30,8 +30,9 @@ def convert(
     """Convert a trajectory file to another format, and say what was lost.
 
     Args:
-        source: File, or folder of a format that is one; gzip is read as it is.
-        target: File or folder to write; gzipped where its name ends in .gz.
+        source: File, or folder of a format that is one; gzip is read as it is; - is standard input.
+        target: File or folder to write; gzipped where its name ends in .gz; - is
+            standard output, and needs --to.
         source_format: Format of IN; by default the one it looks like.
         target_format: Format of OUT; by default the one its name means.
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import webbrowser
 from pathlib import Path
 
-from vioapr.cli.console import error_console, say
+from vioapr.cli.console import is_watched, say
 from vioapr.cli.localize import localize_
 from vioapr.recipes.demo import unpack_demo
 
@@ -30,5 +30,5 @@ def demo(out: Path = Path("vioapr-demo"), open_report: bool = True) -> None:
         f"--out {given.out} --report {given.report}"
     )
     localize_(given.model, given.out, given.recording, report=given.report)
-    if open_report and error_console.is_terminal:
+    if open_report and is_watched():
         webbrowser.open((given.report / "index.html").resolve().as_uri())

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.table import Table
 
-from vioapr.cli.console import console, progress, say
+from vioapr.cli.console import progress, say
 from vioapr.cli.method_params import MethodParams, parse_methods
+from vioapr.cli.streams import OutputFile
+from vioapr.cli.tables import Column, Format, Row, Table, Value, show
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import Group, tabulate, to_csv, to_records
@@ -37,15 +38,19 @@ from vioapr.schemas.base import encode
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 from vioapr.work.results import ResultFolder
 
-_WIDE = 140
-"""Columns of a terminal from which the raw figures fit beside the fused ones."""
+_HOW_TO_READ = (
+    "Errors: position m / orientation deg, means over walks of each walk's median and 95th "
+    "percentile. Levels: % within 0.25 m, 2 deg / 0.5 m, 5 deg / 5 m, 10 deg. "
+    "raw: the regressor alone on the same frames."
+)
 
 
 def evaluate(
     walks: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[FOLDER ...]")],
     methods: str = "apr,vio,vio-apr,consensus",
-    json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
-    csv_out: Annotated[Path | None, tyro.conf.arg(name="csv")] = None,
+    json_out: Annotated[OutputFile | None, tyro.conf.arg(name="json")] = None,
+    csv_out: Annotated[OutputFile | None, tyro.conf.arg(name="csv")] = None,
+    form: Format = "table",
     report: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     view: View = "retrospective",
@@ -65,6 +70,7 @@ def evaluate(
             mapnet-pgo, pose-graph.
         json_out: JSON to write: the tables, and every walk's own figures.
         csv_out: CSV to write: a row a frame that has ground truth, with its pose and errors.
+        form: How to print the tables.
         report: Folder to write an HTML page with tables and figures to (index.html); an earlier
             report in it is replaced, other files stay.
         overwrite: Replace files that exist, also those that vioapr did not write; never one that is
@@ -86,7 +92,7 @@ def evaluate(
         cases = load_cases(folders, tolerance_s=tolerance_s, tick=tick)
     with progress("fusing", count_ticks(cases, chosen)) as tick:
         results, groups = tabulate(cases, chosen, view=view, tick=tick)
-    print_tables(groups)
+    print_tables(groups, form)
     if json_out is not None:
         write_text(json_out, encode(to_records(groups), indent=1))
     if csv_out is not None:
@@ -139,36 +145,36 @@ def publish(
     say(f"report: {(folder / page.name).resolve()}")
 
 
-def print_tables(groups: Sequence[Group]) -> None:
-    """Print the tables of all groups, and how to read them.
+def print_tables(groups: Sequence[Group], form: str = "table") -> None:
+    """Print the tables of all groups, and how to read them."""
+    show([table_of(group) for group in groups], form, to_records(groups), [_HOW_TO_READ])
 
-    Raw figures stand beside the fused ones, or below them where the terminal is narrow.
-    """
-    is_wide = console.width >= _WIDE
-    raw = ("raw",) if is_wide else ()
-    for group in groups:
-        table = Table(title=f"{group.title}: {format_walks(group)}", title_justify="left")
-        for header in ("method", "frames"):
-            table.add_column(header, no_wrap=True)
-        for header in ("share", "median", *raw, "p95", *raw, "levels %", *raw):
-            table.add_column(header, justify="right", no_wrap=True)
-        previous = ""
-        for row in group.rows:
-            if previous and row.method != previous:
-                table.add_section()
-            cells = [row.method if row.method != previous else "", row.subset]
-            cells.append(format_share(row.fused))
-            for figures in (format_median, format_p95, format_levels):
-                fused, raw_figures = figures(row.fused), figures(row.raw)
-                if is_wide:
-                    cells += [fused, raw_figures]
-                else:
-                    cells.append(f"{fused}\n[dim]raw {raw_figures}[/dim]")
-            table.add_row(*cells)
-            previous = row.method
-        console.print(table)
-    say(
-        "Errors: position m / orientation deg, means over walks of each walk's median and 95th "
-        "percentile. Levels: % within 0.25 m, 2 deg / 0.5 m, 5 deg / 5 m, 10 deg. "
-        "raw: the regressor alone on the same frames."
-    )
+
+def table_of(group: Group) -> Table:
+    """Lay out a group: a row a method and subset, raw figures beside the fused ones."""
+    sections: list[list[Row]] = []
+    previous = ""
+    for row in group.rows:
+        if row.method != previous:
+            sections.append([])
+        cells = [row.method if row.method != previous else "", row.subset, format_share(row.fused)]
+        for figures in (format_median, format_p95, format_levels):
+            cells += [figures(row.fused), figures(row.raw)]
+        values: dict[str, Value] = {
+            "set": group.set_name,
+            "vio": group.vio,
+            "apr": group.apr,
+            "method": row.method,
+            "frames": row.subset,
+            "walks": row.walks,
+            **{name: float(value) for name, value in row.fused._asdict().items()},
+            **{f"raw_{name}": float(value) for name, value in row.raw._asdict().items()},
+        }
+        sections[-1].append(Row(tuple(cells), values))
+        previous = row.method
+    columns = [Column("method", is_figure=False), Column("frames", is_figure=False)]
+    columns.append(Column("share"))
+    for header in ("median", "p95", "levels %"):
+        columns += [Column(header), Column("raw", stays_with_last=True)]
+    title = f"{group.title}: {format_walks(group)}"
+    return Table(title, tuple(columns), sections)

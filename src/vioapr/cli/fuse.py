@@ -9,6 +9,7 @@ import tyro
 
 from vioapr.cli.console import progress, say, warn_of_tracks
 from vioapr.cli.method_params import MethodParams, params_for
+from vioapr.cli.streams import InputFile, OutputFile
 from vioapr.cli.tracks import AUTO, read_track, turn_to_camera
 from vioapr.files.outputs import check_outputs
 from vioapr.formats import tum
@@ -26,17 +27,17 @@ from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 
 def fuse(
-    apr: Path,
-    vio: Path,
-    out: Path,
+    apr: InputFile,
+    vio: InputFile,
+    out: OutputFile,
     method: str = DEFAULT_METHOD,
-    tum_out: Annotated[Path | None, tyro.conf.arg(name="tum")] = None,
+    tum_out: Annotated[OutputFile | None, tyro.conf.arg(name="tum")] = None,
     view: View = "retrospective",
     offline: bool = False,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
     apr_format: str | None = None,
     vio_format: str | None = None,
-    apr_sigma: Path | None = None,
+    apr_sigma: InputFile | None = None,
     vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
     time_unit: TimeUnit | None = None,
     strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.table import Table
-from rich.text import Text
 
-from vioapr.cli.console import console, say, say_notes, with_flags
+from vioapr.cli.console import say, say_notes, send_messages_aside, with_flags
+from vioapr.cli.streams import InputFile
+from vioapr.cli.tables import Column, Format, Row, Table, Value, show
 from vioapr.errors import ParameterError
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import read_with_notes
-from vioapr.schemas.base import to_plain
 from vioapr.schemas.inspection import Inspection
 
 _MAX_FITS = 4
 
 
 def inspect(
-    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[FILE ...]")],
+    files: Annotated[
+        tyro.conf.Positional[tuple[InputFile, ...]], tyro.conf.arg(metavar="[FILE ...]")
+    ],
     format_name: Annotated[str | None, tyro.conf.arg(name="from", metavar="FORMAT")] = None,
-    against: Path | None = None,
+    against: InputFile | None = None,
     rate_hz: float | None = None,
     sequence: str | None = None,
     time_unit: TimeUnit | None = None,
@@ -32,11 +31,12 @@ def inspect(
         str | None, tyro.conf.arg(name="against-from", metavar="FORMAT")
     ] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff] = False,
+    form: Format = "table",
 ) -> None:
     """Say what trajectory files are, how sure that is, and what looks wrong with them.
 
     Args:
-        files: Files, or folders of formats that are one.
+        files: Files, or folders of formats that are one; - is standard input.
         format_name: Format of the files; by default the one each looks like.
         against: Another track of the same walk whose convention is known, as the VIO's: tells
             inverted, mirrored, OpenGL and misordered poses apart.
@@ -44,7 +44,8 @@ def inspect(
         sequence: Folder part of the image names to look at.
         time_unit: Unit of the files' times; by default found from their values.
         against_format: Format of the other track; by default the one it looks like.
-        json_: Print JSON, a list with an object for each file.
+        json_: As --format json.
+        form: table; csv: a row a file; json: a list with an object for each file; markdown.
 
     Example:
         vioapr inspect apr.tum vio.csv
@@ -56,24 +57,60 @@ def inspect(
     if not files:
         raise ParameterError("files: expected at least one to inspect, got none")
     options = ReadOptions(rate_hz, sequence, time_unit)
+    form = "json" if json_ else form
+    if form in ("csv", "json"):
+        send_messages_aside()
     reference = None
     if against is not None:
         other = read_with_notes(against, against_format, options, parameter="against_format")
         reference = other.trajectory
-        if not json_:
-            say_notes(against, other.notes)
-    found = []
+        say_notes(against, other.notes)
+    found: list[Inspection] = []
     for file in files:
-        inspection = inspect_file(file, format_name, options, reference)
-        found.append(to_plain(inspection))
-        if not json_:
-            print_inspection(inspection)
-    if json_:
-        say(json.dumps(found, indent=2))
+        found.append(inspect_file(file, format_name, options, reference))
+        if form not in ("csv", "json"):
+            show_inspection(found[-1], form)
+    if form in ("csv", "json"):
+        show([table_of(inspection) for inspection in found], form, found)
 
 
-def print_inspection(inspection: Inspection) -> None:
+def show_inspection(inspection: Inspection, form: str) -> None:
     """Print what was found out of a file as a table, and below it what looks wrong."""
+    say(inspection.path, "bold")
+    show([table_of(inspection)], form, [inspection])
+    for warning in inspection.warnings:
+        say(f"WARNING {with_flags(warning)}", "yellow")
+    if not inspection.warnings:
+        say("nothing looks wrong", "green")
+
+
+def values_of(inspection: Inspection) -> dict[str, Value]:
+    """What was found out of a file, for programs, as one flat row."""
+    best, speed, up = inspection.candidates[0], inspection.speed, inspection.up
+    extent = dict(zip("xyz", inspection.extent_m, strict=True))
+    return {
+        "path": inspection.path,
+        "format": best.name,
+        "confidence": best.confidence,
+        "frames": inspection.frames,
+        "poses": inspection.poses,
+        "start_s": inspection.start_s,
+        "duration_s": inspection.duration_s,
+        "rate_hz": inspection.rate_hz,
+        "path_length_m": inspection.path_length_m,
+        **{f"{axis}_min_m": low for axis, (low, _) in extent.items()},
+        **{f"{axis}_max_m": high for axis, (_, high) in extent.items()},
+        "median_speed_m_s": None if speed is None else speed.median_m_s,
+        "p95_speed_m_s": None if speed is None else speed.p95_m_s,
+        "max_speed_m_s": None if speed is None else speed.max_m_s,
+        "up": None if up is None else up.axis,
+        "fit": inspection.fits[0].title if inspection.fits else None,
+        "warnings": " | ".join(with_flags(warning) for warning in inspection.warnings),
+    }
+
+
+def table_of(inspection: Inspection) -> Table:
+    """Lay out what was found out of a file: a line a fact."""
     best, *others = inspection.candidates
     rest = ", ".join(f"{other.name} {other.confidence:.0%}" for other in others)
     times = "timed" if inspection.is_timed else "no timestamps"
@@ -114,12 +151,6 @@ def print_inspection(inspection: Inspection) -> None:
             rows.append(("", f"lever arm {', '.join(f'{a:.3f} ± {s:.3f}' for a, s in arm)} m"))
     for rank, note in enumerate(inspection.notes):
         rows.append(("" if rank else "note", with_flags(note)))
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for title, value in rows:
-        table.add_row(title, Text(value))
-    say(inspection.path, "bold")
-    console.print(table)
-    for warning in inspection.warnings:
-        say(f"WARNING {with_flags(warning)}", "yellow")
-    if not inspection.warnings:
-        say("nothing looks wrong", "green")
+    values: list[dict[str, Value]] = [values_of(inspection), *({} for _ in rows[1:])]
+    columns = (Column("", is_figure=False), Column("", is_figure=False))
+    return Table("", columns, [[Row(*pair) for pair in zip(rows, values, strict=True)]])

@@ -10,6 +10,7 @@ import tyro
 
 from vioapr.cli.console import progress, say
 from vioapr.cli.evaluate import check_report, print_tables, publish
+from vioapr.cli.streams import InputFile, OutputFile
 from vioapr.errors import ParameterError
 from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import count_ticks
@@ -33,11 +34,11 @@ from vioapr.trajectory import Trajectory
 
 def localize_(
     model: Path,
-    out: Path,
+    out: OutputFile,
     recording: Path | None = None,
     images: str | None = None,
-    vio: Path | None = None,
-    gt: Path | None = None,
+    vio: InputFile | None = None,
+    gt: InputFile | None = None,
     report: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     threads: int | None = None,

@@ -87,16 +87,23 @@ def run_verb(name: str, arguments: list[str]) -> None:
 
         print(describe_verb(name, function))
         return
+    from vioapr.cli.console import renamed, start_verb
     from vioapr.cli.parsing import parse_flags
+    from vioapr.cli.streams import connected
 
+    start_verb()
     try:
-        parse_flags(name, function, arguments)()
+        with connected(function, parse_flags(name, function, arguments)) as call:
+            call()
     except VioAprError as error:
         from vioapr.cli.flags import flag_names, name_flags
         from vioapr.cli.suggestions import suggest_path
 
         hint = suggest_path(Path(error.path)) if isinstance(error, FileMissingError) else ""
-        raise VioAprError(name_flags(error, flag_names(function)) + hint) from error
+        message = renamed(name_flags(error, flag_names(function)))
+        raise VioAprError(message + hint) from error
+    finally:
+        start_verb()
 
 
 def unknown_verb(given: str) -> str:

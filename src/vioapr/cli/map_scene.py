@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.table import Table
 
-from vioapr.cli.console import console, progress, say
+from vioapr.cli.console import progress, say
+from vioapr.cli.tables import Column, Row, Table, draw
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
 from vioapr.report.map_report import FIGURES, write_map_report
@@ -47,16 +47,14 @@ def map_(
 
 def print_summary(summary: MapSummary) -> None:
     """Print what was registered, how exact the map is, and what is missing."""
-    table = Table(title="registered images", title_justify="left")
-    for header in ("recording", "split"):
-        table.add_column(header, no_wrap=True)
-    for header in ("images", "registered", "not", "unusable", "misplaced", "VIO parts from map"):
-        table.add_column(header, justify="right")
+    headers = ("images", "registered", "not", "unusable", "misplaced", "VIO parts from map")
+    names = (Column("recording", is_figure=False), Column("split", is_figure=False))
+    rows: list[Row] = []
     for id_, facts in summary.recordings.items():
         lists = (facts.unregistered, facts.unusable, facts.misplaced, facts.parts_from_vio_at_s)
         counts = [facts.images, facts.registered, *map(len, lists)]
-        table.add_row(id_, facts.split, *(str(count) for count in counts))
-    console.print(table)
+        rows.append(Row((id_, facts.split, *map(str, counts)), {}))
+    draw(Table("registered images", (*names, *map(Column, headers)), [rows]))
     model, world = summary.model, summary.world
     say(
         f"map: {model.images} images, {model.points} points, reprojection error "

@@ -63,12 +63,12 @@ def _walk(owner: Any, defaults: dict[str, Any], outer: tuple[str, ...]) -> Itera
         if isinstance(kind, type) and is_dataclass(kind):
             yield from _walk(kind, _defaults_of(kind, defaults[name]), markers_by_name)
             continue
-        named = [getattr(marker, "name", None) for marker in markers]
+        configured = [marker for marker in markers if hasattr(marker, "metavar")]
+        named = [marker.name for marker in configured]
         flag = f"--{next(filter(None, named), name.strip('_').replace('_', '-'))}"
         is_positional = "Positional" in markers_by_name
         if is_positional:
-            metavars = [getattr(marker, "metavar", None) for marker in markers]
-            flag = next(filter(None, metavars), name.upper())
+            flag = next(filter(None, (one.metavar for one in configured)), name.upper())
         is_switch = kind is bool and defaults[name] is not inspect.Parameter.empty
         yield Parameter(
             owner=owner if isinstance(owner, type) else None,

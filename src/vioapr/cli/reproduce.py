@@ -8,17 +8,14 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.box import SIMPLE_HEAD
-from rich.panel import Panel
-from rich.table import Table
-from rich.text import Text
 
-from vioapr.cli.console import console, error_console, progress, say
+from vioapr.cli.console import explain, log, progress, say, send_messages_aside
 from vioapr.cli.flags import split_names
+from vioapr.cli.tables import Column, Format, Row, Table, show
 from vioapr.cli.torch_extra import require_torch
 from vioapr.recipes.datasets import DATA_SETS
 from vioapr.recipes.paper import MODELS, changed
-from vioapr.recipes.report import Report, write_report
+from vioapr.recipes.report import Report, TextTable, write_report
 from vioapr.recipes.reproduce import Request, reproduce
 from vioapr.recipes.trainings import TRAININGS_FOLDER
 
@@ -52,7 +49,9 @@ class Options:
 _Options = tyro.conf.OmitArgPrefixes[Options]
 
 
-def reproduce_marvin(data: Path, out: Path, options: _Options = Options()) -> None:
+def reproduce_marvin(
+    data: Path, out: Path, form: Format = "table", options: _Options = Options()
+) -> None:
     """The paper's Tables 2-5 on MARViN, ours beside the printed figures.
 
     Imports the data set, trains PoseNet for every scene and MS-Transformer for all scenes
@@ -62,43 +61,50 @@ def reproduce_marvin(data: Path, out: Path, options: _Options = Options()) -> No
     Args:
         data: Folder that holds the scenes' folders.
         out: Folder for everything that is made.
+        form: How to print the tables.
         options: What may be otherwise.
 
     Example:
         vioapr reproduce marvin --data MARViN --out out
     """
-    _reproduce("marvin", data, out, options)
+    _reproduce("marvin", data, out, form, options)
 
 
-def reproduce_7scenes(data: Path, out: Path, options: _Options = Options()) -> None:
+def reproduce_7scenes(
+    data: Path, out: Path, form: Format = "table", options: _Options = Options()
+) -> None:
     """Raw medians on 7-Scenes beside published ones.
 
     Args:
         data: Folder that holds the scenes' folders.
         out: Folder for everything that is made.
+        form: How to print the tables.
         options: What may be otherwise.
 
     Example:
         vioapr reproduce 7scenes --data 7scenes --out out --scenes chess
     """
-    _reproduce("7scenes", data, out, options)
+    _reproduce("7scenes", data, out, form, options)
 
 
-def reproduce_cambridge(data: Path, out: Path, options: _Options = Options()) -> None:
+def reproduce_cambridge(
+    data: Path, out: Path, form: Format = "table", options: _Options = Options()
+) -> None:
     """Raw medians on Cambridge Landmarks beside published ones.
 
     Args:
         data: Folder that holds the scenes' folders.
         out: Folder for everything that is made.
+        form: How to print the tables.
         options: What may be otherwise.
 
     Example:
         vioapr reproduce cambridge --data Cambridge --out out
     """
-    _reproduce("cambridge", data, out, options)
+    _reproduce("cambridge", data, out, form, options)
 
 
-def _reproduce(name: str, data: Path, out: Path, options: Options) -> None:
+def _reproduce(name: str, data: Path, out: Path, form: str, options: Options) -> None:
     require_torch("vioapr reproduce")
     change = partial(
         changed, epochs=options.epochs, batch_size=options.batch_size, resize=options.resize,
@@ -113,31 +119,40 @@ def _reproduce(name: str, data: Path, out: Path, options: Options) -> None:
         tuple(split_names(options.models)), change,
         weights,
     )  # fmt: skip
-    report = reproduce(
-        request, progress, lambda text: error_console.print(Text(text), soft_wrap=True)
-    )
-    print_report(report)
+    report = reproduce(request, progress, log)
+    print_report(report, form)
     for path in write_report(report, out):
         say(f"written: {path}")
     if DATA_SETS[name].has_tracker:
         say(f"figures: vioapr evaluate {out / TRAININGS_FOLDER} --report {out / 'report'}")
 
 
-def print_report(report: Report) -> None:
+def print_report(report: Report, form: str = "table") -> None:
     """Print differences first, as nobody may miss them; then notes and tables."""
+    if form in ("csv", "json"):
+        send_messages_aside()
     if report.content.differences:
-        listed = Text("\n".join(f"- {text}" for text in report.content.differences))
-        console.print(Panel(listed, title=report.warning, border_style="yellow"))
-    for note in report.content.notes:
-        say(note)
-    for table in report.tables:
-        drawn = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, show_edge=False)
-        for header in table.header:
-            justify = "left" if header in ("frames", "scene") else "right"
-            # A figure that is cut off would be another figure.
-            drawn.add_column(header, justify=justify, overflow="fold")
-        for section in table.sections:
-            for row in section:
-                drawn.add_row(*row)
-            drawn.add_section()
-        console.print(drawn)
+        say(f"{report.warning}:", "bold yellow")
+        for text in report.content.differences:
+            explain(f"- {text}", "yellow")
+    for text in report.content.notes:
+        explain(text)
+    show([layout(table) for table in report.tables], form, report.content)
+
+
+def layout(table: TextTable) -> Table:
+    """Lay out a table of a report; its texts are also what programs get."""
+    header = [Column(name, name not in ("frames", "scene")) for name in table.header]
+    # Several columns have one header: programs get them numbered.
+    names = [
+        name if table.header.count(name) == 1 else f"{name} {table.header[: i + 1].count(name)}"
+        for i, name in enumerate(table.header)
+    ]
+    sections: list[list[Row]] = []
+    for section in table.sections:
+        sections.append([])
+        label = section[0][0] if section else ""
+        for cells in section:
+            values = dict(zip(names, cells, strict=True)) | {names[0]: cells[0] or label}
+            sections[-1].append(Row(cells, {"table": table.title, **values}))
+    return Table(table.title, tuple(header), sections)

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.table import Table
-from rich.text import Text
 
-from vioapr.cli.console import console, progress, say
+from vioapr.cli.console import progress, say, warn
+from vioapr.cli.streams import OutputFile
+from vioapr.cli.tables import Column, Format, Row, Table, Value, show
 from vioapr.errors import ParameterError, VioAprError
 from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_bytes, write_text
@@ -23,6 +23,10 @@ from vioapr.scene.summary import SceneSummary, summarize_scene
 from vioapr.schemas.base import encode
 
 _BAR_WIDTH = 40
+_HOW_TO_READ = (
+    "tracked: share of frames with a tracker's pose. s: duration, ~ where it is counted from "
+    "a frame rate. m: way walked. m/s: median speed. Speeds are of recordings in a split."
+)
 
 
 def scene_check(
@@ -59,7 +63,8 @@ def scene_info(
         tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[SCENE ...]")
     ],
     figure: Path | None = None,
-    json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    json_out: Annotated[OutputFile | None, tyro.conf.arg(name="json")] = None,
+    form: Format = "table",
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Print what scenes hold: the paper's Table 1, their recordings, and walking speeds.
@@ -68,6 +73,7 @@ def scene_info(
         folders: The scenes' folders.
         figure: Histograms of speeds to write, outdoor and indoor scenes apart: .png or .svg.
         json_out: JSON to write, with all figures of all recordings.
+        form: How to print the tables; csv: those of recordings.
         overwrite: Replace the files to write if they exist; never one that is read.
 
     Example:
@@ -87,87 +93,106 @@ def scene_info(
     for scene in scenes:
         with progress(f"reading {scene.folder.name}", count_frames(scene.folder)) as tick:
             summaries.append(summarize_scene(scene, tick))
-    print_scenes(summaries)
+    records = [summary.to_record() for summary in summaries]
+    tables = [recordings_table(summary) for summary in summaries]
+    if form in ("table", "markdown"):
+        speeds = [table for summary in summaries if (table := speeds_table(summary)) is not None]
+        tables = [scenes_table(summaries), *tables, *speeds]
+    show(tables, form, records, [_HOW_TO_READ])
     for summary in summaries:
-        print_recordings(summary)
-        print_speeds(summary)
-    say(
-        "tracked: share of frames with a tracker's pose. s: duration, ~ where it is counted from "
-        "a frame rate. m: way walked. m/s: median speed. Speeds are of recordings in a split."
-    )
+        for recording in summary.recordings:
+            if recording.problem:
+                warn(f"{summary.name}, {recording.id}: {recording.problem}")
     if figure is not None:
         png, svg = render(speed_figure(speed_panels(summaries)))
         write_bytes(figure, svg if figure.suffix.lower() == ".svg" else png)
         say(f"{figure}: walking speeds")
     if json_out is not None:
-        write_text(json_out, encode([s.to_record() for s in summaries], indent=1))
+        write_text(json_out, encode(records, indent=1))
 
 
-def print_scenes(summaries: Sequence[SceneSummary]) -> None:
-    """Print a row a scene: the paper's Table 1."""
-    table = Table(title="Scenes (the paper's Table 1)", title_justify="left")
-    table.add_column("")
-    table.add_column("scene")
-    for header in ("train images", "test images", "recordings", "extent (m)"):
-        table.add_column(header, justify="right")
+def scenes_table(summaries: Sequence[SceneSummary]) -> Table:
+    """Lay out a row a scene: the paper's Table 1."""
+    rows: list[Row] = []
     for summary in sorted(summaries, key=lambda s: not s.is_outdoor):
         extent = "not known"
         if summary.extent_m is not None:
             size_m, of = summary.extent_m  # width, depth and height of where the cameras were
             extent = " x ".join(f"{value:.1f}" for value in size_m)
             extent += "" if of == "gt" else " (one tracker's)"
-        table.add_row(
+        cells = (
             "outdoor" if summary.is_outdoor else "indoor",
-            Text(summary.name),
+            summary.name,
             *(str(summary.images(split)) for split in SPLITS),
             str(len(summary.recordings)),
             extent,
         )
-    console.print(table)
+        rows.append(Row(cells, {}))
+    headers = ("train images", "test images", "recordings", "extent (m)")
+    names = (Column("place", is_figure=False), Column("scene", is_figure=False))
+    return Table("Scenes (the paper's Table 1)", (*names, *map(Column, headers)), [rows])
 
 
-def print_recordings(summary: SceneSummary) -> None:
-    """Print a row a recording, and what could not be read."""
-    table = Table(title=Text(summary.name), title_justify="left")
-    for header in ("recording", "split", "device"):
-        table.add_column(header, overflow="fold")
-    for header in ("frames", "images", "tracked", "resets", "ground truth", "s", "m", "m/s"):
-        table.add_column(header, justify="right", no_wrap=True)
+def recordings_table(summary: SceneSummary) -> Table:
+    """Lay out a row a recording."""
+    rows: list[Row] = []
     for recording in summary.recordings:
         frames = max(recording.frames, 1)
-        tracked = recording.frames - recording.tracking.get("lost", 0)
-        cells = [
+        tracked = (recording.frames - recording.tracking.get("lost", 0)) / frames
+        has_speed = len(recording.speeds_m_s) > 0
+        speed = float(np.median(recording.speeds_m_s)) if has_speed else None
+        cells = (
             recording.id,
             recording.split or "none",
             recording.device,
             str(recording.frames),
             str(recording.images),
-            f"{tracked / frames:.0%}",
+            f"{tracked:.0%}",
             str(recording.tracking.get("reset", 0)),
             f"{recording.gt_frames / frames:.0%}",
             f"{'' if recording.is_timed else '~'}{recording.duration_s:.0f}",
-        ]
-        if len(recording.speeds_m_s):
-            cells += [f"{recording.path_m:.0f}", f"{np.median(recording.speeds_m_s):.2f}"]
-        else:
-            cells += ["-", "-"]
-        table.add_row(*map(Text, cells))
-    console.print(table)
-    for recording in summary.recordings:
-        if recording.problem:
-            say(f"WARNING {recording.id}: {recording.problem}", "yellow")
+            f"{recording.path_m:.0f}" if has_speed else "-",
+            "-" if speed is None else f"{speed:.2f}",
+        )
+        values: dict[str, Value] = {
+            "scene": summary.name,
+            "recording": recording.id,
+            "split": recording.split or "none",
+            "device": recording.device,
+            "frames": recording.frames,
+            "images": recording.images,
+            "tracked_share": tracked,
+            "resets": recording.tracking.get("reset", 0),
+            "gt_share": recording.gt_frames / frames,
+            "duration_s": recording.duration_s,
+            "is_timed": recording.is_timed,
+            "path_m": recording.path_m if has_speed else None,
+            "median_speed_m_s": speed,
+            "problem": recording.problem,
+        }
+        rows.append(Row(cells, values))
+    headers = ("frames", "images", "tracked", "resets", "ground truth", "s", "m", "m/s")
+    names = (Column(header, is_figure=False) for header in ("recording", "split", "device"))
+    return Table(summary.name, (*names, *map(Column, headers)), [rows])
 
 
-def print_speeds(summary: SceneSummary) -> None:
-    """Print a histogram of walking speeds, if they are known."""
+def speeds_table(summary: SceneSummary) -> Table | None:
+    """Lay out a histogram of walking speeds, if they are known."""
     speeds = summary.speeds_m_s
     if not len(speeds):
-        return
+        return None
     edges = speed_bins(speeds)
     counts, _ = np.histogram(np.minimum(speeds, edges[-1] - 1e-9), edges)
-    title = Text(f"{summary.name}: walking speed over 1 s")
-    table = Table(title=title, title_justify="left", box=None, show_header=False)
-    for low, count in zip(edges, counts, strict=False):
-        bar = "█" * round(_BAR_WIDTH * count / counts.max())
-        table.add_row(f"{low:.1f} m/s", Text(bar, style="blue"), f"{count / len(speeds):.0%}")
-    console.print(table)
+    rows = [
+        Row(
+            (
+                f"{low:.1f} m/s",
+                f"{count / len(speeds):.0%}",
+                "█" * round(_BAR_WIDTH * count / counts.max()),
+            ),
+            {},
+        )
+        for low, count in zip(edges, counts, strict=False)
+    ]
+    columns = (Column(""), Column(""), Column("", is_figure=False))
+    return Table(f"{summary.name}: walking speed over 1 s", columns, [rows])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.table import Table
 
-from vioapr.cli.console import console, progress, say
+from vioapr.cli.console import progress, say
+from vioapr.cli.streams import OutputFile
+from vioapr.cli.tables import Column, Format, Row, Table, Value, show
 from vioapr.evaluation.metrics import PoseErrors, summarize
 from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
 from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_record
@@ -18,14 +20,15 @@ from vioapr.files.text import write_text
 from vioapr.report.figures.vio_quality import VIO_FIGURES
 from vioapr.report.formatting import format_error, format_median, format_number
 from vioapr.report.style import save_figure
-from vioapr.schemas.base import encode
+from vioapr.schemas.base import encode, to_plain
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 from vioapr.work.results import ResultFolder
 
 
 def vio_quality(
     paths: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[PATH ...]")],
-    json_out: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    json_out: Annotated[OutputFile | None, tyro.conf.arg(name="json")] = None,
+    form: Format = "table",
     figures: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
@@ -41,6 +44,7 @@ def vio_quality(
         paths: Scenes; folders with walks (gt.* beside vio_<name>.*, or <walk>_gt.* beside
             <walk>_<name>.*); or the common beginning of one walk's files.
         json_out: JSON to write: every walk's and every group's figures.
+        form: How to print the figures.
         figures: Folder to write the figures to, as PNG and SVG; other files in it stay.
         overwrite: Replace files that exist, also those that vioapr did not write; never one that is
             read.
@@ -60,9 +64,11 @@ def vio_quality(
         for walk in walks:
             qualities += [analyze(track, params) for track in walk.read(tolerance_s)]
             tick()
-    print_qualities(qualities, params)
+    record = to_record(qualities)
+    table = table_of(qualities, params, [to_plain(track) for track in record.tracks])
+    show([table], form, record, notes_of(qualities, params))
     if json_out is not None:
-        write_text(json_out, encode(to_record(qualities), indent=1))
+        write_text(json_out, encode(record, indent=1))
     if figures is not None:
         with ResultFolder(figures, overwrite=overwrite).adding() as partial:
             for name, draw in VIO_FIGURES.items():
@@ -70,59 +76,75 @@ def vio_quality(
         say(f"figures: {figures.resolve()}")
 
 
-def print_qualities(qualities: list[VioQuality], params: VioQualityParams) -> None:
-    """Print a table with a row a track, and below it how to read it and what to know."""
-    table = Table(
-        title=f"pairs at {params.rate_hz:g} Hz; aligned on the first {params.align_s:g} s",
-        title_justify="left",
-    )
-    for header in ("set and tracker", "walk"):
-        table.add_column(header, no_wrap=True)
+def table_of(
+    qualities: Sequence[VioQuality],
+    params: VioQualityParams,
+    records: Sequence[Mapping[str, Value]],
+) -> Table:
+    """Lay out a row a track, and one for what those of a set that do not diverge make together.
+
+    Args:
+        qualities: Of the tracks.
+        params: What was compared.
+        records: Of the tracks too, for programs.
+    """
+    record_of = dict(zip(map(id, qualities), records, strict=True))
+    sections: list[list[Row]] = []
+    for name, members in group_tracks(qualities).items():
+        rows = [
+            Row((name if number == 0 else "", *_cells(one)), record_of[id(one)])
+            for number, one in enumerate(members)
+        ]
+        if len(members) > 1:
+            pairs = format_number(100 * share_within(steady(members)), 1)
+            walks = f"all {len(steady(members))} that do not diverge"
+            rows.append(Row(("", walks, *[""] * 4, pairs, *[""] * 4), {}))
+        sections.append(rows)
     good = f"<{params.within_m:g} m, <{params.within_deg:g}° %"
     headers = ("path m", "ATE m", "APE m / AOE °", "RPE m / ROE °", good, "drift % of path",
                "m, ° a minute", "scale", "")  # fmt: skip
-    for header in headers:
-        table.add_column(header, justify="right")
-    for name, members in group_tracks(qualities).items():
-        for number, quality in enumerate(members):
-            distance, minute = quality.per_distance, quality.per_time
-            a_minute = 60 / minute.stretch if minute.stretch else float("nan")
-            percent = 100 / distance.stretch if distance.stretch else float("nan")
-            table.add_row(
-                name if number == 0 else "",
-                quality.track.walk,
-                format_number(quality.path_m, 1),
-                format_error(quality.ate_m),
-                format_median(summarize(quality.errors)),
-                format_median(
-                    summarize(PoseErrors(quality.gaps.distance_m, quality.gaps.angle_deg))
-                ),
-                format_number(100 * quality.share_within, 1),
-                format_error(percent * distance.position_m),
-                f"{format_error(minute.position_m * a_minute)}, "
-                f"{format_error(minute.orientation_deg * a_minute)}",
-                format_number(quality.scale, 3),
-                "[red]diverges[/red]" if quality.diverges_at_s is not None else "",
-            )
-        if len(members) > 1:
-            pairs = format_number(100 * share_within(steady(members)), 1)
-            walks = f"{len(steady(members))} not diverging"
-            table.add_row("", f"[b]{walks}[/b]", *[""] * 4, f"[b]{pairs}[/b]", *[""] * 4)
-        table.add_section()
-    console.print(table)
-    say(
+    names = (Column("set and tracker", is_figure=False), Column("walk", is_figure=False))
+    title = f"pairs at {params.rate_hz:g} Hz; aligned on the first {params.align_s:g} s"
+    return Table(title, (*names, *map(Column, headers)), sections)
+
+
+def _cells(quality: VioQuality) -> tuple[str, ...]:
+    """A track's cells, from the walk's name on."""
+    distance, minute = quality.per_distance, quality.per_time
+    a_minute = 60 / minute.stretch if minute.stretch else float("nan")
+    percent = 100 / distance.stretch if distance.stretch else float("nan")
+    gaps = PoseErrors(quality.gaps.distance_m, quality.gaps.angle_deg)
+    return (
+        quality.track.walk,
+        format_number(quality.path_m, 1),
+        format_error(quality.ate_m),
+        format_median(summarize(quality.errors)),
+        format_median(summarize(gaps)),
+        format_number(100 * quality.share_within, 1),
+        format_error(percent * distance.position_m),
+        f"{format_error(minute.position_m * a_minute)}, "
+        f"{format_error(minute.orientation_deg * a_minute)}",
+        format_number(quality.scale, 3),
+        "diverges" if quality.diverges_at_s is not None else "",
+    )
+
+
+def notes_of(qualities: Sequence[VioQuality], params: VioQualityParams) -> list[str]:
+    """How to read the table, and what to know of single tracks."""
+    notes = [
         "Medians over frames or pairs. Drift: error of relative poses over stretches of "
         f"{params.stretch_m:g} m and {params.stretch_s:g} s, or half the walk; it has the ground "
         "truth's own orientation noise in it. Scale: true metres per metre of the tracker."
-    )
+    ]
     for quality in qualities:
         if quality.diverges_at_s is not None:
-            say(
+            notes.append(
                 f"{quality.track.title}: the tracker diverges from ground truth, first at "
                 f"{quality.diverges_at_s:.0f} s; the group's figures are without it."
             )
         if not len(quality.pair_rows):
-            say(
+            notes.append(
                 f"{quality.track.title}: no two frames are {1 / params.rate_hz:g} s apart: "
                 "choose another --rate-hz."
             )
+    return notes

@@ -220,8 +220,8 @@ def format_of_name(path: Path, parameter: str = "format_name") -> Format:
         for format_ in FORMATS.values():
             if any(matches(known) for known in format_.default_for):
                 return format_
-    ending = Path(name).suffix or "/"
-    fitting = ", ".join(f.name for f in FORMATS.values() if ending in f.extensions)
+    ending = Path(name).suffix  # without one, it may be a file or a folder
+    fitting = ", ".join(f.name for f in FORMATS.values() if ending and ending in f.extensions)
     raise ParameterError(
         f"{path}: the name does not tell which format to write: choose one with `{parameter}`: "
         + (fitting or ", ".join(FORMATS))
