@@ -1,5 +1,8 @@
 """A folder of images with any trajectory: by names, timestamps or order."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tests.formats.conftest import file_name
@@ -14,7 +17,7 @@ from tests.importers.sources import (
     write_images,
 )
 
-from vioapr.errors import FormatError
+from vioapr.errors import FormatError, ParameterError
 from vioapr.formats import tum
 from vioapr.formats.registry import FORMATS
 from vioapr.geometry.frames import z_up_from_y_up
@@ -106,6 +109,118 @@ def test_names_that_do_not_meet(source):
     FORMATS["hloc"].write(source / "vio.txt", named(walk(), [f"x{k}.jpg" for k in range(COUNT)]))
     with pytest.raises(FormatError, match=r"vio.txt: expected names that fit the 20 images"):
         read_walks(IMPORTER, source / "images", poses=source / "vio.txt")
+
+
+def test_a_pattern_takes_images_of_several_folders(source):
+    images = source / "images"
+    for k, path in enumerate(sorted(images.iterdir())):
+        folder = images / ("left" if k % 2 else "right")
+        folder.mkdir(exist_ok=True)
+        path.rename(folder / path.name)
+    with pytest.raises(FormatError, match=r"found folders of images: left, right\. Import one"):
+        read_walks(IMPORTER, images)
+    (found,) = read_walks(IMPORTER, images / "**/*.jpg", poses=source / "vio.tum", rate_hz=10)
+    assert found.id == "images"
+    assert len(found) == COUNT
+    assert Path(found.images[0]).exists()
+    (left,) = read_walks(IMPORTER, images / "left" / "*.jpg")
+    assert len(left) == COUNT // 2
+    with pytest.raises(FormatError, match=r"found none of this pattern"):
+        read_walks(IMPORTER, images / "**/*.png")
+
+
+def test_images_of_other_kinds_are_named(source):
+    for k in range(3):
+        (source / f"images/IMG_{k}.HEIC").write_bytes(b"x")
+    (found,) = read_walks(IMPORTER, source / "images")
+    assert "images: 3 .heic are not read: convert them" in texts(found, warnings=True)
+    for path in (source / "images").glob("*.jpg"):
+        path.unlink()
+    with pytest.raises(FormatError, match=r"found 3 .heic: convert them to JPEG or PNG first"):
+        read_walks(IMPORTER, source / "images")
+
+
+@pytest.mark.parametrize(("name", "is_metric"), [("images.txt", False), ("poses.kitti", True)])
+def test_poses_of_colmap_are_not_metric(name, is_metric, source):
+    format_ = FORMATS["colmap" if name == "images.txt" else "kitti"]
+    names = [f"frame-{k:04d}.jpg" for k in range(COUNT)]
+    format_.write(source / name, named(walk(), names))
+    (found,) = read_walks(IMPORTER, source / "images", poses=source / name)
+    assert found.info.is_metric == is_metric
+    assert ("give `metric`" in texts(found, warnings=True)) != is_metric
+    (found,) = read_walks(IMPORTER, source / "images", poses=source / name, metric=True)
+    assert found.info.is_metric
+
+
+@pytest.mark.parametrize(("name", "is_aligned"), [("stray", True), ("record3d", False)])
+def test_a_format_says_which_way_is_up(name, is_aligned, source):
+    path = source / file_name(FORMATS[name])
+    FORMATS[name].write(path, walk())
+    (found,) = read_walks(IMPORTER, source / "images", poses=path)
+    assert found.info.is_gravity_aligned == is_aligned
+
+
+@pytest.mark.parametrize("name", ["tum", "kitti"])
+def test_poses_in_order_of_which_some_are_none(name, source):
+    """A row without a pose leaves its image without one, and shifts no other."""
+    path = source / "some.txt"
+    FORMATS[name].write(path, walk() if name == "tum" else named(walk(), ["x"] * COUNT))
+    lines = path.read_text().splitlines()
+    first = next(k for k, line in enumerate(lines) if not line.startswith("#"))
+    for row in (0, 6):
+        fields = lines[first + row].split()
+        start = 1 if name == "tum" else 0
+        lines[first + row] = " ".join([*fields[:start], *["nan"] * (len(fields) - start)])
+    path.write_text("\n".join(lines) + "\n")
+    (found,) = read_walks(IMPORTER, source / "images", poses=path)
+    assert np.flatnonzero(~found.vio_from_cam.is_known).tolist() == [0, 6]
+    np.testing.assert_allclose(found.vio_from_cam.translation_m[7], walk().position_m[7], atol=1e-9)
+    assert "2 rows have no pose" in texts(found, warnings=True)
+
+
+def test_a_repeated_row_is_no_image(source):
+    lines = (source / "vio.tum").read_text().splitlines()
+    path = source / "again.tum"
+    path.write_text("\n".join([*lines[:9], lines[8], *lines[9:]]) + "\n")
+    (found,) = read_walks(IMPORTER, source / "images", poses=path)
+    assert found.vio_from_cam.is_known.all()
+    np.testing.assert_allclose(found.timestamp_s, walk().timestamp_s)
+    with pytest.raises(FormatError, match="again.tum"):
+        read_walks(IMPORTER, source / "images", poses=path, strict=True)
+
+
+@pytest.mark.parametrize(
+    "name_of",
+    [
+        lambda k: f"frame-{k:04d}.jpg",
+        lambda k: f"frame-{k:04d}",
+        lambda k: f"images/frame-{k:04d}.png",
+        lambda k: f"C:\\scan\\images\\frame-{k:04d}.jpg",
+    ],
+)
+def test_names_of_poses_as_other_programs_write_them(name_of, source):
+    content = {
+        "frames": [
+            {"file_path": name_of(k), "transform_matrix": matrix}
+            for k, matrix in enumerate(walk().target_from_source.to_matrix().tolist())
+        ]
+    }
+    (source / "transforms.json").write_text(json.dumps(content))
+    (found,) = read_walks(IMPORTER, source / "images", poses=source / "transforms.json")
+    assert found.vio_from_cam.is_known.all()
+
+
+def test_the_unit_of_times_and_the_format_that_are_given(source):
+    lines = (source / "vio.tum").read_text().splitlines()
+    rows = [line.split() for line in lines if not line.startswith("#")]
+    path = source / "odd.log"
+    path.write_text("".join(f"{round(float(t) * 1e3)} {' '.join(p)}\n" for t, *p in rows))
+    (found,) = read_walks(
+        IMPORTER, source / "images", poses=path, poses_format="tum", time_unit="ms"
+    )
+    np.testing.assert_allclose(found.timestamp_s, walk().timestamp_s)
+    with pytest.raises(ParameterError, match="unknown format"):
+        read_walks(IMPORTER, source / "images", poses=path, poses_format="nothing")
 
 
 def test_no_images(tmp_path):

@@ -9,6 +9,7 @@ import tyro
 
 from vioapr.cli.console import progress, say
 from vioapr.cli.flags import fill_flags, flag_names
+from vioapr.formats.base import TimeUnit
 from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, ImportOptions, Place, Split
 from vioapr.importers.registry import get_importer, import_source
 
@@ -24,6 +25,9 @@ def import_(
     tracker: str | None = None,
     poses: Path | None = None,
     gt: Path | None = None,
+    poses_format: str | None = None,
+    gt_format: str | None = None,
+    time_unit: TimeUnit | None = None,
     rate_hz: float | None = None,
     focal_px: float | None = None,
     metric: bool = False,
@@ -38,7 +42,7 @@ def import_(
         format: stray, record3d, scanner-app (3D Scanner App), polycam, nerfstudio (any
             transforms.json), advio, marvin, 7scenes, cambridge, or images (a folder of images
             with any trajectory file).
-        source: The file or folder to import.
+        source: The file or folder to import; of images, also a pattern as 'walk/**/*.jpg'.
         out: The scene's folder, made if needed; recordings are added to what is there.
         split: train, test or none; by default the data set's own, else train.
         id: Of the recording, for sources with a single one; by default the source's name.
@@ -47,6 +51,9 @@ def import_(
         tracker: arkit or arcore, for sources with both; for images, who made the poses.
         poses: The tracker's trajectory for a folder of images, in any format.
         gt: The ground truth's trajectory for a folder of images, in any format.
+        poses_format: The format of --poses; by default the one that it looks like.
+        gt_format: The format of --gt.
+        time_unit: s, ms, us or ns: the unit of times in --poses and --gt.
         rate_hz: Frames per second, for sources without timestamps.
         focal_px: Focal length in pixels of the images as they are, where the source has none or
             a wrong one.
@@ -61,7 +68,19 @@ def import_(
         VioAprError: The source is not what it should be, or cannot be written.
     """
     options = ImportOptions(
-        id, split, tracker, poses, gt, rate_hz, focal_px, metric, max_megapixels, strict
+        id,
+        split,
+        tracker,
+        poses,
+        gt,
+        rate_hz,
+        poses_format,
+        gt_format,
+        time_unit,
+        focal_px,
+        metric,
+        max_megapixels,
+        strict,
     )
     importer = get_importer(format)
     flags = flag_names(import_)

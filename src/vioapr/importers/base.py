@@ -17,6 +17,7 @@ from vioapr.errors import ParameterError
 from vioapr.files.image_headers import MAX_MEGAPIXELS
 from vioapr.files.images import IMAGE_SUFFIXES
 from vioapr.files.text import natural_key
+from vioapr.formats.base import TimeUnit
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.frames import Intrinsics, Tracking
 from vioapr.scene.sensors import Gnss, Heading, Imu
@@ -68,6 +69,9 @@ class ImportOptions:
         poses: A trajectory file of the tracker's poses.
         gt: A trajectory file of ground truth.
         rate_hz: Frames per second, for sources without timestamps.
+        poses_format: The format of `poses`; by default the one that it looks like.
+        gt_format: That of `gt`.
+        time_unit: Unit of the times in `poses` and `gt`; found by default.
         focal_px: The focal length, pixels of the images as they are, for sources without any or
             instead of theirs.
         metric: The poses are in metres, although the source does not show it.
@@ -81,6 +85,9 @@ class ImportOptions:
     poses: Path | None = None
     gt: Path | None = None
     rate_hz: float | None = None
+    poses_format: str | None = None
+    gt_format: str | None = None
+    time_unit: TimeUnit | None = None
     focal_px: float | None = None
     metric: bool = False
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS
@@ -187,7 +194,8 @@ class Importer:
         title: For people.
         layout: What the source must hold.
         read: From a source to scenes.
-        uses: The options that it heeds, besides `id` and `split`.
+        uses: The options that it heeds, besides those of all sources.
+        takes_patterns: Whether a source may be a pattern of file names.
     """
 
     name: str
@@ -195,6 +203,7 @@ class Importer:
     layout: str
     read: Callable[[Path, ImportOptions], list[ImportedScene]]
     uses: frozenset[str] = frozenset()
+    takes_patterns: bool = False
 
 
 def one_walk(
@@ -230,13 +239,22 @@ def require_one(source: Path, options: ImportOptions, count: int) -> None:
         raise ParameterError(f"`id` names one recording, and {source} holds {count}")
 
 
+def is_pattern(source: Path) -> bool:
+    """Whether a path is a pattern of file names, as frames/*.jpg."""
+    return any(letter in source.as_posix() for letter in "*?[")
+
+
+def is_image_name(name: str) -> bool:
+    """Whether a file's name is one of an image that is read, and no hidden one."""
+    return name.lower().endswith(IMAGE_SUFFIXES) and name[0] != "."
+
+
 def list_image_names(folder: Path) -> list[str]:
     """Names of the image files in a folder, in natural order; none if there is no such folder."""
     if not folder.is_dir():
         return []
     with os.scandir(folder) as entries:
-        found = [e.name for e in entries if e.name.lower().endswith(IMAGE_SUFFIXES)]
-    names = [name for name in found if name[0] != "."]
+        names = [entry.name for entry in entries if is_image_name(entry.name)]
     # Numbers of equal length sort as text, which is much faster.
     is_even = len({len(name) for name in names}) <= 1
     names.sort(key=None if is_even else natural_key)

@@ -19,7 +19,7 @@ from vioapr.importers import (
     sevenscenes,
     stray,
 )
-from vioapr.importers.base import Finding, Importer, ImportOptions, Place
+from vioapr.importers.base import Finding, Importer, ImportOptions, Place, is_pattern
 from vioapr.importers.diagnostics import diagnose
 from vioapr.importers.write import WriteSettings, open_or_create, write_recording
 from vioapr.work.progress import Progress
@@ -50,6 +50,11 @@ _ALIASES = {
     "stray-scanner": "stray",
     "transforms": "nerfstudio",
 }
+
+
+_SOME_USE = (
+    "tracker", "poses", "gt", "rate_hz", "metric", "poses_format", "gt_format", "time_unit"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,10 +114,10 @@ def import_source(
     Raises:
         VioAprError: The source is not what it should be, or cannot be written.
     """
-    for name in ("tracker", "poses", "gt", "rate_hz", "metric"):
+    for name in _SOME_USE:
         if getattr(options, name) not in (None, False) and name not in importer.uses:
             raise ParameterError(f"`{name}` has no meaning for {importer.name}")
-    if not source.exists():
+    if not source.exists() and not (importer.takes_patterns and is_pattern(source)):
         raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
     settings = WriteSettings(link, options.focal_px, options.strict, options.max_megapixels)
     scenes = importer.read(source, options)
