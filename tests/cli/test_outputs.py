@@ -153,3 +153,28 @@ def test_scene_info_keeps_results_and_the_scene(fails, tmp_path):
     assert toml.read_bytes() == before
     (tmp_path / "out.json").write_text("precious")
     assert "give --overwrite" in fails(*words, tmp_path / "out.json")
+
+
+def test_simulated_walks_replace_walks_that_were_simulated(run, fails, tmp_path):
+    out = tmp_path / "walks"
+    assert run("simulate", "walks", "--out", out, "--walks", 1)[0] == 0
+    (out / "walk01" / "notes.txt").write_text("mine")
+    assert run("simulate", "walks", "--out", out, "--walks", 2, "--seed", 3)[0] == 0
+    assert (out / "walk01" / "notes.txt").read_text() == "mine"
+    (out / "walk02" / "vio_sim.tum").write_text("mine")
+    before = content_of(out)
+    line = fails("simulate", "walks", "--out", out, "--walks", 2)
+    assert "vio_sim.tum: exists, and vioapr did not write it" in line
+    assert content_of(out) == before
+    assert run("simulate", "walks", "--out", out, "--walks", 2, "--overwrite")[0] == 0
+    assert (out / "walk02" / "vio_sim.tum").read_text() != "mine"
+
+
+@pytest.mark.parametrize("name", ["localizer.onnx", "fused.csv", "report/index.html"])
+def test_a_demo_replaces_no_file_of_the_user(fails, tmp_path, name):
+    path = tmp_path / "demo" / name
+    path.parent.mkdir(parents=True)
+    path.write_text("mine")
+    line = fails("demo", "--out", tmp_path / "demo")
+    assert f"{name}: exists, and vioapr did not write it" in line
+    assert content_of(tmp_path / "demo") == {Path(name): b"mine"}

@@ -150,5 +150,5 @@ def test_two_processes_do_not_write_at_once(folder):
 
 def test_a_file_in_the_folders_place(folder):
     folder.write_text("")
-    with pytest.raises(AlreadyExistsError, match="expected a folder for results, found a file"):
+    with pytest.raises(AlreadyExistsError, match="expected a folder, found a file"):
         ResultFolder(folder).check([])

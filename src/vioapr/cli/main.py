@@ -12,11 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vioapr._version import __version__
+from vioapr.cli.going_on import describe_full_disk, describe_stop, exit_code_of
 from vioapr.cli.verbs import FAMILIES, VERBS, describe_family, describe_verbs
 from vioapr.errors import FileMissingError, VioAprError
+from vioapr.work.stopping import raise_on_signals
 
-DONE, MENDABLE, INTERRUPTED = 0, 2, 130
-"""Exit codes. A fault of ours ends with a traceback and 1."""
+DONE, MENDABLE = 0, 2
+"""Exit codes. A fault of ours ends with a traceback and 1, a signal with `exit_code_of`."""
 
 _HELP, _VERSION = ("-h", "--help"), ("-V", "--version")
 
@@ -28,20 +30,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Without the program's name; None for the process's own.
 
     Returns:
-        Exit code: 0, 2 where the user can mend what is wrong, or 130 where they interrupted it.
+        Exit code: 0; 2 where the user can mend what is wrong; 128 and the signal's number where
+        one ended it, as 130 for Ctrl-C.
     """
+    if arguments is None:
+        raise_on_signals()
+    words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        run(sys.argv[1:] if arguments is None else list(arguments))
+        run(words)
         sys.stdout.flush()
     except VioAprError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {error}{describe_full_disk(error, words)}", file=sys.stderr)
         return MENDABLE
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+    except KeyboardInterrupt as stop:
+        print(describe_stop(stop, words), file=sys.stderr)
+        return exit_code_of(stop)
     return DONE
 
 

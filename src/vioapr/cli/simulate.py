@@ -10,7 +10,8 @@ import tyro
 
 from vioapr.cli.console import progress, say
 from vioapr.errors import ParameterError
-from vioapr.scene.walks import write_walk
+from vioapr.scene.walks import walk_file_names, write_walk
+from vioapr.work.results import ResultFolder
 
 
 def simulate_courtyard(
@@ -83,15 +84,22 @@ def simulate_courtyard(
     say(f"scene: {out} (see preview.png and routes.png)")
 
 
-def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:
+def simulate_walks(
+    out: Path,
+    walks: int = 5,
+    seed: int = 0,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
     """Simulate walks: ground truth, VIO and the predictions of a regressor, without images.
 
     Files are like a user's own: try `vioapr inspect`, `fuse` and `evaluate` on them.
 
     Args:
-        out: Folder to write a folder a walk to.
+        out: Folder to write a folder a walk to; walks that were simulated there before are
+            replaced, other files stay.
         walks: Number of walks.
         seed: Of the first walk; the same seed gives the same walks.
+        overwrite: Replace files of the same names too that were not simulated.
 
     Example:
         vioapr simulate walks --out walks --walks 5
@@ -102,10 +110,15 @@ def simulate_walks(out: Path, walks: int = 5, seed: int = 0) -> None:
         raise ParameterError(f"walks: expected at least 1, got {walks}")
     if seed < 0:
         raise ParameterError(f"seed: expected a number of at least 0, got {seed}")
-    with progress("simulating walks", walks) as tick:
-        for index in range(walks):
+    names = [f"walk{index + 1:02d}" for index in range(walks)]
+    files = walk_file_names(["sim"], ["simulated"])
+    results = ResultFolder(out, overwrite=overwrite)
+    results.check(f"{name}/{file}" for name in names for file in files)
+    with progress("simulating walks", walks) as tick, results.adding() as partial:
+        for index, name in enumerate(names):
             walk = simulate_walk(WalkParams(), seed + index)
-            folder = out / f"walk{index + 1:02d}"
-            write_walk(folder, gt=walk.gt, vios={"sim": walk.vio}, aprs={"simulated": walk.apr})
+            write_walk(
+                partial / name, gt=walk.gt, vios={"sim": walk.vio}, aprs={"simulated": walk.apr}
+            )
             tick()
     say(f"evaluate them: vioapr evaluate {out}")

@@ -11,10 +11,10 @@ from importlib.resources import files
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
-from vioapr.errors import UnwritableError
-from vioapr.files.atomic import replacing, write_atomically
+from vioapr.files.atomic import replacing
 from vioapr.files.images import IMAGE_SUFFIXES
 from vioapr.scene.scene import RECORDINGS_FOLDER
+from vioapr.work.results import ResultFolder
 
 LOCALIZER_FILE = "localizer.onnx"
 SCENE_FOLDER = "courtyard"
@@ -52,20 +52,22 @@ def demo_in(folder: Path) -> Demo:
     )
 
 
-def unpack_demo(folder: Path) -> Demo:
+def unpack_demo(folder: Path, *, overwrite: bool = False) -> Demo:
     """Copy scene and localizer out of the package; files of an earlier demo are replaced.
 
+    Args:
+        folder: Made if needed; other files in it stay.
+        overwrite: Whether files of the same names may be replaced that no demo wrote.
+
     Raises:
+        AlreadyExistsError: There are such, and they are not to be replaced.
         UnwritableError: The folder, or a file in it, cannot be written.
     """
     package = files("vioapr.recipes") / "data"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with ResultFolder(folder, overwrite=overwrite).adding() as partial:
         with (package / ARCHIVE_FILE).open("rb") as file, ZipFile(file) as archive:
-            archive.extractall(folder)
-    except OSError as error:
-        raise UnwritableError.of(folder, error) from None
-    write_atomically(folder / LOCALIZER_FILE, (package / LOCALIZER_FILE).read_bytes())
+            archive.extractall(partial)
+        (partial / LOCALIZER_FILE).write_bytes((package / LOCALIZER_FILE).read_bytes())
     return demo_in(folder)
 
 

@@ -174,6 +174,14 @@ def write_walk(
             stated_sigmas.write_sigmas_beside(path, apr, apr_sigmas[name])
 
 
+def walk_file_names(vios: Sequence[str], aprs: Sequence[str]) -> list[str]:
+    """Names of the files of `write_walk` with ground truth and these trackers and regressors."""
+    names = [f"{GT_NAME}.tum", *(f"{VIO_PREFIX}{name}.tum" for name in vios)]
+    for name in aprs:
+        names += [f"{APR_PREFIX}{name}.tum", f"{APR_PREFIX}{name}{stated_sigmas.SUFFIX}"]
+    return names
+
+
 def write_walk_of_recording(folder: Path, scene: Scene, id_: str) -> bool:
     """Write a recording's ground truth and VIO, as far as it has them, into a walk's folder.
 

@@ -50,16 +50,20 @@ class ResultFolder:
                 or the folder is a file.
         """
         if self.folder.exists() and not self.folder.is_dir():
-            raise AlreadyExistsError(self.folder, "expected a folder for results, found a file")
+            raise AlreadyExistsError(
+                self.folder, "cannot be written to: expected a folder, found a file"
+            )
+        files = self._read_note()
         for pattern in patterns:
             for path in sorted(self.folder.glob(pattern)):
-                self._check_own(path)
+                self._check_own(path, files)
 
     def made_from(self, name: str) -> str | None:
         """What a result was made from: its fingerprint, or None if it is not there as written."""
         path = self.folder / name
-        noted = self._read_note().get(name)
-        return noted.made_from if path.is_file() and self._is_own(path) and noted else None
+        files = self._read_note()
+        is_own = path.is_file() and self._is_own(path, files)
+        return files[name].made_from if is_own else None
 
     @contextmanager
     def adding(self, made_from: Mapping[str, str] | None = None) -> Iterator[Path]:
@@ -113,7 +117,7 @@ class ResultFolder:
             name = path.relative_to(partial).as_posix()
             target = self.folder / name
             if target.exists():
-                self._check_own(target, new=path)
+                self._check_own(target, files, new=path)
             earlier = files[name].sha256[-1:] if name in files else ()
             files[name] = WrittenFile(
                 sha256=(*earlier, _digest(path)), made_from=made_from.get(name, "")
@@ -127,13 +131,15 @@ class ResultFolder:
         for folder in {(self.folder / path.relative_to(partial)).parent for path in paths}:
             sync(folder)
 
-    def _check_own(self, path: Path, new: Path | None = None) -> None:
+    def _check_own(
+        self, path: Path, files: Mapping[str, WrittenFile], new: Path | None = None
+    ) -> None:
         """See that a file may be replaced: vioapr's, or the same as the new one."""
         if path.is_dir():
             if new is not None:
                 raise AlreadyExistsError(path, "expected to write a file, found a folder")
             return
-        if self.overwrite or self._is_own(path):
+        if self.overwrite or self._is_own(path, files):
             return
         if new is not None and _digest(new) == _digest(path):
             return
@@ -143,8 +149,8 @@ class ResultFolder:
             "or give `overwrite`",
         )
 
-    def _is_own(self, path: Path) -> bool:
-        noted = self._read_note().get(path.relative_to(self.folder).as_posix())
+    def _is_own(self, path: Path, files: Mapping[str, WrittenFile]) -> bool:
+        noted = files.get(path.relative_to(self.folder).as_posix())
         return noted is not None and _digest(path) in noted.sha256
 
     def _read_note(self) -> dict[str, WrittenFile]:
