@@ -178,7 +178,7 @@ def test_simulate_walks_refuses_what_cannot_be(fails, tmp_path):
     assert "--walks: expected at least 1, got 0" in fails("simulate", "walks", *out, "--walks", "0")
     assert "--seed" in fails("simulate", "walks", *out, "--seed", "-1")
     (tmp_path / "file").touch()
-    assert "walk01: cannot be written: Not a directory" in fails(
+    assert "file: cannot be written to: expected a folder" in fails(
         "simulate", "walks", "--out", tmp_path / "file"
     )
 
