@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.formats.conftest import file_name, make_trajectory
+from tests.formats.conftest import FOLDERS, file_name, make_trajectory
+from tests.formats.samples import write_sample
 
 from vioapr.errors import (
     FileMissingError,
@@ -22,7 +23,7 @@ from vioapr.formats.notes import ReadingNotes
 from vioapr.formats.registry import FORMATS, rank_formats, read_trajectory
 
 ALL = pytest.mark.parametrize("format_", FORMATS.values(), ids=FORMATS)
-FILES = [f for f in FORMATS.values() if f.name not in ("7scenes",)]
+FILES = [f for f in FORMATS.values() if f.name not in FOLDERS]
 FILE = pytest.mark.parametrize("format_", FILES, ids=lambda f: f.name)
 # Where the first data row of a written file is, and the fields of its rows.
 TABLES = {
@@ -68,7 +69,7 @@ NAMED = ["hloc", "ace", "marvin", "marvin-vio", "hrapr", "cambridge", "mstransfo
 def write_valid(name, folder, count=4):
     format_ = FORMATS[name]
     path = folder / file_name(format_)
-    format_.write(path, make_trajectory(format_, count))
+    write_sample(format_, path, make_trajectory(format_, count))
     return path
 
 
@@ -361,7 +362,7 @@ def test_no_format_of_that_name(tmp_path):
         read_trajectory(tmp_path, "tmu")
 
 
-@FILE
+@pytest.mark.parametrize("format_", [f for f in FILES if f.write], ids=lambda f: f.name)
 def test_a_file_that_cannot_be_written(format_, tmp_path):
     (tmp_path / "file").write_text("")
     path = tmp_path / "file" / file_name(format_)

@@ -6,7 +6,8 @@ import zlib
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.formats.conftest import file_name, make_trajectory
+from tests.formats.conftest import FOLDERS, file_name, make_trajectory
+from tests.formats.samples import write_sample
 
 from vioapr.errors import VioAprError
 from vioapr.formats.base import ReadOptions
@@ -57,13 +58,21 @@ def read_or_refuse(format_, path, options):
     json.dumps(to_plain(inspect_file(path, format_.name, options)), allow_nan=False)
 
 
+FIRST_FILES = {
+    "7scenes": "frame-000000.pose.txt",
+    "scannet": "0.txt",
+    "polycam": "keyframes/cameras/1700000000000000.json",
+    "3dscannerapp": "frame_00000.json",
+}
+
+
 def place(format_, folder, content):
     """Put content where the format reads it."""
     path = folder / file_name(format_)
     file = path
-    if format_.name == "7scenes":
-        file = path / "frame-000000.pose.txt"
-        path.mkdir(exist_ok=True)
+    if format_.name in FOLDERS:
+        file = path / FIRST_FILES[format_.name]
+        file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(content)
     return path
 
@@ -106,7 +115,7 @@ def valid_content(format_, folder, *, is_zip=False):
         source = folder / "valid"
         source.mkdir(exist_ok=True)
         path = source / ("walk.r3d" if key[1] else file_name(format_))
-        format_.write(path, make_trajectory(format_, 4))
-        file = path if path.is_file() else next(path.rglob("*.txt"))
+        write_sample(format_, path, make_trajectory(format_, 4))
+        file = path if path.is_file() else min(path.rglob("*[0-9].*"))
         CACHE[key] = file.read_bytes()
     return CACHE[key]

@@ -4,7 +4,8 @@ import gzip
 
 import numpy as np
 import pytest
-from tests.formats.conftest import file_name, make_trajectory
+from tests.formats.conftest import FOLDERS, file_name, make_trajectory
+from tests.formats.samples import SAMPLES, write_sample
 
 from vioapr.errors import ParameterError
 from vioapr.formats.base import ReadOptions
@@ -13,7 +14,8 @@ from vioapr.geometry import rigid
 from vioapr.trajectory import Trajectory
 
 ALL = pytest.mark.parametrize("format_", FORMATS.values(), ids=FORMATS)
-FILES = [f for f in FORMATS.values() if f.name != "7scenes"]
+WRITTEN = [f for f in FORMATS.values() if f.write is not None]
+FILES = [f for f in WRITTEN if f.name not in FOLDERS]
 
 
 def assert_same_poses(left, right, tolerance=1e-12):
@@ -26,7 +28,7 @@ def assert_same_poses(left, right, tolerance=1e-12):
 def test_writing_and_reading_gives_the_same(format_, tmp_path):
     original = make_trajectory(format_)
     path = tmp_path / file_name(format_)
-    format_.write(path, original)
+    write_sample(format_, path, original)
     read = format_.read(path, ReadOptions())
     assert_same_poses(original, read)
     assert read.is_timed == format_.has_times
@@ -37,7 +39,7 @@ def test_writing_and_reading_gives_the_same(format_, tmp_path):
 @ALL
 def test_a_written_file_is_recognized(format_, tmp_path):
     path = tmp_path / file_name(format_)
-    format_.write(path, make_trajectory(format_))
+    write_sample(format_, path, make_trajectory(format_))
     best, confidence = rank_formats(path)[0]
     assert best.name == format_.name
     assert 0.5 < confidence <= 1
@@ -56,11 +58,15 @@ def test_gzip_is_transparent(format_, tmp_path):
 @ALL
 def test_one_pose_is_enough(format_, tmp_path):
     path = tmp_path / file_name(format_)
-    format_.write(path, make_trajectory(format_, 1))
+    write_sample(format_, path, make_trajectory(format_, 1))
     assert len(format_.read(path, ReadOptions())) == 1
 
 
-@ALL
+def test_formats_without_a_writer_have_samples():
+    assert {f.name for f in FORMATS.values() if f.write is None} == set(SAMPLES)
+
+
+@pytest.mark.parametrize("format_", WRITTEN, ids=lambda f: f.name)
 def test_formats_with_times_refuse_untimed_trajectories(format_, tmp_path):
     untimed = Trajectory.from_arrays([0, 1], np.zeros((2, 3)), [[0, 0, 0, 1]] * 2, is_timed=False)
     path = tmp_path / file_name(format_)

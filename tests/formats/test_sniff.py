@@ -1,7 +1,8 @@
 """Formats that look alike are told apart by content where it tells, and by name where not."""
 
 import pytest
-from tests.formats.conftest import file_name, make_trajectory
+from tests.formats.conftest import FOLDERS, file_name, make_trajectory
+from tests.formats.samples import write_sample
 
 from vioapr.files.text import natural_key
 from vioapr.formats.base import ReadOptions
@@ -71,10 +72,10 @@ def test_nanoseconds_and_a_header_tell_euroc(tmp_path):
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_start_of_a_long_file_is_enough(name, tmp_path):
     format_ = FORMATS[name]
-    count = 40 if name == "7scenes" else 700
+    count = 40 if name in FOLDERS else 700
     path = tmp_path / file_name(format_)
     original = make_trajectory(format_, count)
-    format_.write(path, original)
+    write_sample(format_, path, original)
     assert rank_formats(path)[0][0].name == name
     assert len(read_trajectory(path)) == count
 

@@ -1,11 +1,12 @@
 """A folder of images with any trajectory: by names, timestamps or order."""
 
 import json
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pytest
-from tests.formats.conftest import file_name
+from tests.formats.conftest import file_name, names_of
+from tests.formats.samples import write_sample
 from tests.importers.sources import (
     COUNT,
     make_images,
@@ -47,13 +48,13 @@ def test_by_order(source):
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in NOT_OF_A_CAMERA])
 def test_every_format(name, tmp_path):
     format_ = FORMATS[name]
-    names = [f"frame-{k:06d}.color.png" for k in range(COUNT)]
-    write_images(tmp_path / "images", names)
     vio = walk()
+    names = [PurePosixPath(image).name for image in names_of(name, vio.timestamp_s)]
+    write_images(tmp_path / "images", names)
     if not format_.has_times:
         vio = named(vio, names)
     path = tmp_path / file_name(format_)
-    format_.write(path, vio)
+    write_sample(format_, path, vio)
     (found,) = read_walks(IMPORTER, tmp_path / "images", poses=path)
     assert np.isfinite(found.vio_from_cam.translation_m).all()
     steps = np.linalg.norm(np.diff(found.vio_from_cam.translation_m, axis=0), axis=1)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -79,11 +80,13 @@ class Format:
         sniff: From a path and the first bytes (decompressed; b"" for a directory), how sure
             one can be that it is this format: 0 (it is not) to 1.
         read: Reads a file into our conventions; raises a FileError.
-        write: Writes a trajectory in the format's conventions.
+        write: Writes a trajectory in the format's conventions; None for a format that is only
+            read, as recordings of an app are.
         has_times: Whether a file says when each pose was.
         has_names: Whether a file says of which image each pose is.
-        name_suffix: Ending without which image names are lost.
-        default_for: File names and endings, without ".gz", that mean this format when writing.
+        name_pattern: Pattern of the image names that a written file holds; others are lost.
+            By default it holds any.
+        default_for: File names and endings, without ".gz", that mean this format.
     """
 
     name: str
@@ -92,8 +95,13 @@ class Format:
     extensions: tuple[str, ...]
     sniff: Callable[[Path, bytes], float]
     read: Callable[[Path, ReadOptions], Trajectory]
-    write: Callable[[Path, Trajectory], None]
+    write: Callable[[Path, Trajectory], None] | None = None
     has_times: bool = False
     has_names: bool = False
-    name_suffix: str = ""
+    name_pattern: str = ""
     default_for: tuple[str, ...] = ()
+
+    def keeps_names(self, names: Iterable[str]) -> bool:
+        """Whether a written file holds these image names."""
+        fits = re.compile(self.name_pattern).fullmatch if self.name_pattern else bool
+        return self.has_names and all(fits(name) for name in names)

@@ -18,7 +18,12 @@ from vioapr.formats.anomalies import check_track
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.corrections import Corrections
 from vioapr.formats.notes import ReadingNote
-from vioapr.formats.registry import format_of_name, get_format, read_with_notes
+from vioapr.formats.registry import (
+    format_of_name,
+    get_format,
+    read_with_notes,
+    require_writer,
+)
 from vioapr.formats.track_warnings import TrackWarning
 
 
@@ -70,12 +75,13 @@ def convert_file(
         FormatError: The source is malformed.
         AlreadyExistsError: The target exists.
         UnwritableError: The target cannot be written.
-        ParameterError: No such format, none that the target's name means, the target is the
-            source, or its format needs what the trajectory does not have.
+        ParameterError: No such format, none that the target's name means, one that is only read,
+            the target is the source, or its format needs what the trajectory does not have.
         SuspectTrackError: The poses look wrong, and the options are strict.
     """
     by_name = "target_format"  # the parameter to mention where the name means no format
     writer = get_format(target_format) if target_format else format_of_name(target, by_name)
+    write = require_writer(writer, by_name)
     check_target(source, target, overwrite=overwrite)
     reading = read_with_notes(source, source_format, options, parameter="source_format")
     trajectory = (corrections or Corrections()).apply(reading.trajectory)
@@ -83,13 +89,11 @@ def convert_file(
     if warnings and options is not None and options.strict:
         raise SuspectTrackError(f"{source}: {warnings[0]}")
     with replacing_files(target) as partial:
-        writer.write(partial, trajectory)
+        write(partial, trajectory)
     lost: list[str] = []
     if trajectory.is_timed and not writer.has_times:
         lost.append("timestamps")
-    if trajectory.names is not None and not (
-        writer.has_names and all(name.endswith(writer.name_suffix) for name in trajectory.names)
-    ):
+    if trajectory.names is not None and not writer.keeps_names(trajectory.names):
         lost.append("image names")
     return Conversion(
         reading.format.name, writer.name, len(trajectory), tuple(lost), reading.notes, warnings

@@ -15,8 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FileError, FormatError
+from vioapr.files.tables import RowProblem, Rows
 from vioapr.files.text import natural_key, read_text
+from vioapr.formats import conventions
+from vioapr.formats.base import ReadOptions
+from vioapr.formats.named import build_named
+from vioapr.formats.poses import build_trajectory, rigid_of_matrices
 from vioapr.schemas.foreign_json import as_numbers, load_object
+from vioapr.trajectory import Trajectory
 
 SCANNER_APP_FILES = "frame_*.json"
 POLYCAM_FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
@@ -106,11 +112,12 @@ def read_polycam(folder: Path, paths: Sequence[Path]) -> FrameFiles:
     times = np.array([frame.timestamp_s for frame in found.frames])
     steps = np.diff(np.unique(times[np.isfinite(times)]))
     step = float(np.median(steps)) if len(steps) else 1.0
-    # Whole numbers of a unit that nobody says: keyframes are parts of a second to a minute apart.
-    scales = (scale for scale in (1.0, 1e-3, 1e-6) if step * scale <= _POLYCAM_STEP_S[1])
-    scale = next(scales, 1e-9)
+    # Microseconds, as Polycam says; where the steps are none of keyframes, which are parts of a
+    # second to a minute apart, another unit.
+    units = (per for per in (1, 1000, 1_000_000) if step / per <= _POLYCAM_STEP_S[1])
+    per_second = next(units, 1_000_000_000) if len(steps) else 1_000_000
     found.frames = [
-        FrameFile(frame.path, frame.timestamp_s * scale, frame.matrix, frame.camera)
+        FrameFile(frame.path, frame.timestamp_s / per_second, frame.matrix, frame.camera)
         for frame in found.frames
     ]
     return found
@@ -168,3 +175,38 @@ def _polycam_frame(path: Path, content: dict[str, Any]) -> FrameFile:
         np.vstack([rows.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]),
         (width, height, fx, fy, cx, cy),
     )
+
+
+def build_track(
+    path: Path, paths: Sequence[Path], found: FrameFiles, options: ReadOptions
+) -> Trajectory:
+    """Build vio_from_cam poses of all frames that have one, named by their images.
+
+    Frames are untimed, in the order of their names, where no file says when it was.
+
+    Args:
+        path: The capture, for messages.
+        paths: All files, in order.
+        found: What those that could be read say.
+        options: Strictness, rate and notes.
+
+    Raises:
+        FormatError: No frame or too few have a pose, or `strict` and one has none.
+    """
+    rows = Rows.numbered(path, len(paths))
+    line_of = {str(file): line for line, file in enumerate(paths, start=1)}
+    for problem in found.problems:
+        # The summary names the file: entries of a folder have no number that users see.
+        text = f"{Path(problem.path).name}: {problem.problem}"
+        rows.problems[line_of[problem.path]] = RowProblem(text, text)
+    matrices, times = np.full((len(paths), 4, 4), np.nan), np.full(len(paths), np.nan)
+    for frame in found.frames:
+        row = line_of[str(frame.path)] - 1
+        matrices[row], times[row] = frame.matrix, frame.timestamp_s
+    poses = conventions.world_from_arcam(rigid_of_matrices(rows, matrices))
+    names = [f"{file.stem}.jpg" for file in paths]
+    if not np.isfinite(times).any():
+        return build_named(rows, names, poses, options, target="vio")
+    for line in np.flatnonzero(~np.isfinite(times)) + 1:
+        rows.problems.setdefault(int(line), RowProblem("expected a time, got none", "no time"))
+    return build_trajectory(rows, times, poses, options, names=names, target="vio")

@@ -21,6 +21,9 @@ MAX_DISTANCE_M = 1e9
 MAX_TIME_S = 1e11
 """Later timestamps (year 5138) are not seconds, but milli-, micro- or nanoseconds."""
 
+MAX_ANGLE_RAD = 1e3
+"""Larger rotations are not radians, nor degrees."""
+
 MATRIX_TOLERANCE = 0.01
 """How far from orthonormal a rotation matrix may be: text files round to 3 digits and more."""
 
@@ -88,6 +91,18 @@ def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
         rows.problems.setdefault(rows.lines[row], RowProblem(text, summary))
     quats = quaternion.from_matrix(np.where(bad[:, None, None], np.eye(3), rotations))
     return poses_of(rows, positions, np.where(bad[:, None], np.nan, quats))
+
+
+def quaternions_of_rotvecs(rotvec_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quaternions xyzw of axis-angle rotations of a file; NaN for numbers that are no angle.
+
+    Args:
+        rotvec_rad: Shape (n, 3), radians.
+    """
+    with np.errstate(all="ignore"):
+        is_angle = np.abs(rotvec_rad) <= MAX_ANGLE_RAD  # false for NaN
+    quats = quaternion.from_rotvec(np.where(is_angle, rotvec_rad, 0.0))
+    return np.where(np.asarray(is_angle.all(axis=1))[:, None], quats, np.nan)
 
 
 def build_trajectory(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,20 +12,35 @@ from vioapr.formats import (
     ace,
     advio,
     aria,
+    arkitscenes,
+    bundler,
     cambridge,
     colmap,
     colmap_binary,
     data_loggers,
     euroc,
+    gaussian_splatting,
     hloc,
     hrapr,
+    ios_logger,
+    kapture,
     kitti,
     marvin,
+    meshroom,
+    metashape,
     mstransformer,
     nerfstudio,
+    open3d_log,
+    opensfm,
+    polycam,
+    realitycapture,
     record3d,
     scancapture,
+    scannerapp,
+    scannet,
+    scannetpp,
     sevenscenes,
+    spectacular,
     stray,
     table,
     tum,
@@ -57,6 +73,23 @@ _ALL = (
     aria.FORMAT,
     data_loggers.ARKIT_FORMAT,
     data_loggers.ARCORE_FORMAT,
+    polycam.FORMAT,
+    scannerapp.FORMAT,
+    ios_logger.FORMAT,
+    spectacular.FORMAT,
+    arkitscenes.FORMAT,
+    scannet.FORMAT,
+    scannetpp.FORMAT,
+    kapture.FORMAT,
+    kapture.LAMAR_FORMAT,
+    gaussian_splatting.FORMAT,
+    open3d_log.FORMAT,
+    metashape.FORMAT,
+    realitycapture.FORMAT,
+    meshroom.FORMAT,
+    opensfm.FORMAT,
+    bundler.FORMAT,
+    bundler.NVM_FORMAT,
 )
 
 LEAST_CONFIDENCE = 0.6
@@ -110,11 +143,14 @@ def _rank_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
     ranked = [(FORMATS[name], share / 2) for name, share in votes.items() if share > 0.3]
     if ranked or b"\0" in head:
         return sorted(ranked, key=lambda r: -r[1])
-    return [
-        (format_, 0.1)
+    promised = [
+        format_
         for format_ in FORMATS.values()
         if any(has_suffix(path, suffix) for suffix in format_.default_for)
     ]
+    # A whole name, as cameras.json, promises more than an ending, as .json.
+    promised.sort(key=lambda format_: plain_name(path) not in format_.default_for)
+    return [(format_, 0.1) for format_ in promised]
 
 
 def _rank(path: Path, head: bytes) -> list[tuple[Format, float]]:
@@ -197,12 +233,33 @@ def write_trajectory(path: Path, trajectory: Trajectory, format_name: str | None
     """Write a trajectory in a given format, or in the one that the file's name means.
 
     Raises:
-        ParameterError: There is no such format, the name means none, or the format needs what
-            the trajectory does not have.
+        ParameterError: There is no such format, the name means none, the format is only read, or
+            it needs what the trajectory does not have.
         UnwritableError: The file cannot be written.
     """
     format_ = format_of_name(path) if format_name is None else get_format(format_name)
-    format_.write(path, trajectory)
+    require_writer(format_)(path, trajectory)
+
+
+def require_writer(
+    format_: Format, parameter: str = "format_name"
+) -> Callable[[Path, Trajectory], None]:
+    """The writer of a format.
+
+    Args:
+        format_: The format to write.
+        parameter: The caller's, with which a user can choose a format.
+
+    Raises:
+        ParameterError: The format is only read; the message lists those that are written.
+    """
+    if format_.write is None:
+        written = ", ".join(f.name for f in FORMATS.values() if f.write is not None)
+        raise ParameterError(
+            f"{format_.name} files are only read: choose another format with `{parameter}`: "
+            f"{written}"
+        )
+    return format_.write
 
 
 def format_of_name(path: Path, parameter: str = "format_name") -> Format:
@@ -221,10 +278,11 @@ def format_of_name(path: Path, parameter: str = "format_name") -> Format:
             if any(matches(known) for known in format_.default_for):
                 return format_
     ending = Path(name).suffix  # without one, it may be a file or a folder
-    fitting = ", ".join(f.name for f in FORMATS.values() if ending and ending in f.extensions)
+    written = [format_ for format_ in FORMATS.values() if format_.write is not None]
+    fitting = [format_ for format_ in written if ending and ending in format_.extensions]
     raise ParameterError(
         f"{path}: the name does not tell which format to write: choose one with `{parameter}`: "
-        + (fitting or ", ".join(FORMATS))
+        + ", ".join(format_.name for format_ in fitting or written)
     )
 
 

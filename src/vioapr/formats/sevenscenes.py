@@ -100,5 +100,5 @@ FORMAT = Format(
     read=read,
     write=write,
     has_names=True,
-    name_suffix=_IMAGE_SUFFIX,
+    name_pattern=r".*\.color\.png",
 )

@@ -259,6 +259,12 @@ def find_times(
         if stamps[0] <= known_s[-1] and known_s[0] <= stamps[-1]:
             return stamps, "from the images' names"
     for track in timed:
+        pairs = pairs_by_name(names, track.track)
+        if len(pairs) == len(names):
+            times = track.track.timestamp_s[[of for _, of in pairs]]
+            if (np.diff(times) > 0).all():
+                return times, "the trajectory's, by the images' names"
+    for track in timed:
         placed = track.rows_in_file()
         if placed is not None and len(placed[1]) == len(names):
             return placed[1], "the trajectory's: pose k is taken to be of image k"
@@ -295,23 +301,29 @@ def _stem(name: str) -> str:
     return name.rsplit(".", 1)[0]
 
 
+def pairs_by_name(images: list[str], track: Trajectory) -> list[tuple[int, int]]:
+    """Rows of images and of poses that have one name, in the order of the images."""
+    if track.names is None:
+        return []
+    row_of = rows_by_name(images)
+    rows = [(find_row(row_of, name), of) for of, name in enumerate(track.names)]
+    return sorted((row, of) for row, of in rows if row is not None)
+
+
 def pair_images(
     found: ImageFiles, timestamp_s: NDArray[np.float64], of_walk: Track
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which image each pose is of: rows of images, rows of the track.
 
-    By names, else by times (mutually nearest, within half a frame), else by order.
+    By names, else by times (mutually nearest, within half a frame), else by order. Names of a
+    trajectory with times are not needed: its images may have been renamed.
 
     Raises:
         FormatError: No pose is of an image.
     """
     track, images = of_walk.track, found.names
-    pairs: list[tuple[int, int]] = []
-    if track.names is not None:
-        row_of = rows_by_name(images)
-        rows = [(find_row(row_of, name), of) for of, name in enumerate(track.names)]
-        pairs = sorted((row, of) for row, of in rows if row is not None)
-    elif track.is_timed:
+    pairs = pairs_by_name(images, track)
+    if not pairs and track.is_timed:
         step_s = float(np.median(np.diff(timestamp_s))) if len(timestamp_s) > 1 else 0.1
         nearest = nearest_rows(timestamp_s, track.timestamp_s)
         back = nearest_rows(track.timestamp_s, timestamp_s)
@@ -321,7 +333,12 @@ def pair_images(
             for row, of in enumerate(nearest)
             if back[of] == row and off_s[row] <= 0.5 * step_s
         ]
-    elif (placed := of_walk.rows_in_file()) is not None and len(placed[1]) == len(images):
+    elif (
+        not pairs
+        and track.names is None
+        and (placed := of_walk.rows_in_file()) is not None
+        and len(placed[1]) == len(images)
+    ):
         pairs = [(int(row), of) for of, row in enumerate(placed[0])]
     if not pairs:
         what = "names" if track.names else "timestamps" if track.is_timed else "number of poses"
