@@ -12,6 +12,7 @@ from vioapr.formats import conventions, tum
 from vioapr.formats.registry import read_trajectory
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
+from vioapr.scene.walks import write_walk
 from vioapr.simulation.regressors import RegressorErrors
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
@@ -203,7 +204,7 @@ def test_vio_from_cam_leaves_a_camera_as_it_is(walk, write, run, tmp_path):
         "auto",
     )
     assert code == 0
-    assert "the tracker's poses are the camera's already" in out
+    assert "vio.tum: the poses are the camera's already" in out
 
 
 def test_case_02(run, tmp_path):
@@ -248,3 +249,52 @@ def test_case_17(run):
     assert mirrored in warning
     assert order not in warning
     assert "--reading mirror-z" in warning
+
+
+def write_walk_folder(tmp_path, walk, vio):
+    folder = tmp_path / "Set" / "walk"
+    write_walk(folder, gt=walk.gt, vios={"phone": vio}, aprs={"net": walk.apr})
+    return folder
+
+
+def test_evaluate_names_the_walk_and_the_file(walk, run, fails, tmp_path):
+    turned = conventions.world_from_arcam(walk.vio.target_from_source)
+    folder = write_walk_folder(tmp_path, walk, walk.vio.with_transforms(turned))
+    code, _, err = run("evaluate", folder, "--methods", "vio")
+    assert code == 0
+    (warning,) = err.splitlines()
+    assert warning.startswith("WARNING Set/walk: vio_phone.tum fits gt.tum as OpenGL camera axes")
+    assert f"vioapr convert {folder / 'vio_phone.tum'} fixed.tum --reading opengl" in warning
+    error = fails(
+        "evaluate", folder, "--methods", "vio", "--strict", "--csv", tmp_path / "frames.csv"
+    )
+    assert "Set/walk: vio_phone.tum fits gt.tum as OpenGL camera axes" in error
+    assert not (tmp_path / "frames.csv").exists()
+
+
+def test_evaluate_is_silent_on_right_files(walk, run, tmp_path):
+    folder = write_walk_folder(tmp_path, walk, walk.vio)
+    code, _, err = run("evaluate", folder, "--methods", "vio", "--strict")
+    assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize("given", ["auto", "file"])
+def test_evaluate_turns_a_body_to_the_camera(given, walk, run, tmp_path):
+    body = walk.vio.target_from_source @ BODY_FROM_CAM.inverse()
+    folder = write_walk_folder(tmp_path, walk, walk.vio.with_transforms(body))
+    code, _, err = run("evaluate", folder, "--methods", "vio")
+    assert code == 0
+    assert "vio_phone.tum holds poses of a device turned by" in err
+    if given == "file":
+        given = tmp_path / "mount.txt"
+        np.savetxt(given, BODY_FROM_CAM.to_matrix())
+    code, out, err = run("evaluate", folder, "--methods", "vio", "--vio-from-cam", given)
+    assert (code, err) == (0, "")
+    assert "vio_phone.tum: body_from_cam " in out
+
+
+def test_predictions_that_are_the_ground_truth(walk, run, tmp_path):
+    folder = tmp_path / "Set" / "walk"
+    write_walk(folder, gt=walk.gt, vios={"phone": walk.vio}, aprs={"net": walk.gt})
+    _, _, err = run("evaluate", folder, "--methods", "vio")
+    assert "gt.tum and apr_net.tum hold the same poses" in err

@@ -11,15 +11,18 @@ from typing import Annotated, Any
 
 import tyro
 
-from vioapr.cli.console import progress, say
+from vioapr.cli.console import progress, say, send_messages_aside, warn
 from vioapr.cli.method_params import MethodParams, parse_methods
 from vioapr.cli.streams import OutputFile
 from vioapr.cli.tables import Column, Format, Row, Table, Value, show
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import Group, tabulate, to_csv, to_records
+from vioapr.evaluation.walk_tracks import WalkReader
 from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_text
+from vioapr.formats.base import ReadOptions, TimeUnit
+from vioapr.formats.body_from_cam import AUTO
 from vioapr.fusion.offline import View
 from vioapr.report.evaluation_report import (
     REPORT_PATTERNS,
@@ -55,6 +58,9 @@ def evaluate(
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     view: View = "retrospective",
     tolerance_s: float = DEFAULT_TOLERANCE_S,
+    vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
+    time_unit: TimeUnit | None = None,
+    strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
 ) -> None:
     """Fuse walks and compare the poses with ground truth, in the paper's tables and figures.
@@ -78,6 +84,11 @@ def evaluate(
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.
         tolerance_s: Largest difference of timestamps within a frame, s.
+        vio_from_cam: For trackers that give poses of an IMU's body: how the camera is mounted on
+            it. auto estimates it by ground truth; FILE holds the constant transform body_from_cam,
+            see `vioapr fuse --help`.
+        time_unit: Unit of all files' times; by default found from their values.
+        strict: Refuse what is otherwise evaluated with a warning.
         params: Parameters of the methods.
 
     Example:
@@ -86,10 +97,16 @@ def evaluate(
     chosen = parse_methods(methods, params)
     folders = find_walks(walks)
     read = [path for walk in folders for path in walk.paths]
+    if vio_from_cam not in (None, AUTO):
+        read.append(Path(vio_from_cam))
     check_outputs([json_out, csv_out], read, overwrite=overwrite)
     check_report(report, overwrite=overwrite)
+    if form in ("csv", "json"):
+        send_messages_aside()
     with progress("reading walks", len(folders)) as tick:
-        cases = load_cases(folders, tolerance_s=tolerance_s, tick=tick)
+        options = ReadOptions(time_unit=time_unit, strict=strict)
+        reader = WalkReader(options, vio_from_cam, say, warn)
+        cases = load_cases(folders, tolerance_s=tolerance_s, reader=reader, tick=tick)
     with progress("fusing", count_ticks(cases, chosen)) as tick:
         results, groups = tabulate(cases, chosen, view=view, tick=tick)
     print_tables(groups, form)

@@ -10,10 +10,11 @@ import tyro
 from vioapr.cli.console import progress, say, warn_of_tracks
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.cli.streams import InputFile, OutputFile
-from vioapr.cli.tracks import AUTO, read_track, turn_to_camera
+from vioapr.cli.tracks import read_track
 from vioapr.files.outputs import check_outputs
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions, TimeUnit
+from vioapr.formats.body_from_cam import AUTO, turn_to_camera
 from vioapr.formats.pair_checks import Track
 from vioapr.formats.stated_sigmas import path_beside, read_sigmas, read_sigmas_beside
 from vioapr.formats.walk_checks import check_walk
@@ -89,7 +90,8 @@ def fuse(
     predictions = read_track(apr, apr_format, options, "apr_format")
     tracked = read_track(vio, vio_format, options, "vio_format")
     if vio_from_cam is not None:
-        tracked = turn_to_camera(tracked, str(vio), vio_from_cam, predictions, tolerance_s)
+        tracked, how = turn_to_camera(tracked, vio_from_cam, predictions, tolerance_s)
+        say(f"{vio}: {how}")
     tracks = Track(str(apr), "apr", predictions), Track(str(vio), "vio", tracked)
     warn_of_tracks(check_walk(tracks[:1], tracks[1:], tolerance_s=tolerance_s), strict=strict)
     if apr_sigma is None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, VioAprError
-from vioapr.formats.registry import read_trajectory
+from vioapr.evaluation.walk_tracks import WalkReader
 from vioapr.formats.stated_sigmas import read_sigmas_beside
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
@@ -59,6 +59,7 @@ def load_cases(
     walks: Sequence[WalkFiles],
     *,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
+    reader: WalkReader | None = None,
     tick: Tick = ignore,
 ) -> list[Case]:
     """Read every walk with each of its odometries and regressors.
@@ -66,6 +67,7 @@ def load_cases(
     Args:
         walks: From `scene.walks.find_walks`.
         tolerance_s: Largest difference of timestamps within a frame, s.
+        reader: Reads the files, and says what looks wrong with them; None checks nothing.
         tick: Called after every walk, for progress.
 
     Raises:
@@ -73,9 +75,8 @@ def load_cases(
     """
     cases: list[Case] = []
     for walk in walks:
-        gt = read_trajectory(walk.gt)
-        vios = {name: read_trajectory(path) for name, path in walk.vios.items()}
-        aprs = {name: read_trajectory(path) for name, path in walk.aprs.items()}
+        tracks = (reader or WalkReader()).read(walk, tolerance_s)
+        gt, vios, aprs = tracks.gt, tracks.vios, tracks.aprs
         sigmas = {name: read_sigmas_beside(path, aprs[name]) for name, path in walk.aprs.items()}
         for vio_name, vio in vios.items():
             for apr_name, apr in aprs.items():

@@ -13,14 +13,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import AssociationError, FormatError
+from vioapr.errors import AssociationError, FormatError, ParameterError
 from vioapr.files.text import read_text
 from vioapr.formats.common_motion import find_common_frames
+from vioapr.formats.pair_checks import describe_rotation
 from vioapr.formats.readings import HAND_EYE_TITLE, compare_readings
 from vioapr.geometry import quaternion
 from vioapr.geometry.hand_eye import HandEye
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory
+
+AUTO = "auto"
+"""Instead of a file: estimate it by the motion."""
 
 BODY_FROM_CAM_KEYS = (
     "body_from_cam",  # ours
@@ -155,3 +159,44 @@ def to_camera(vio: Trajectory, body_from_cam: Rigid3) -> Trajectory:
         moved.target,
         "cam",
     )
+
+
+def turn_to_camera(
+    vio: Trajectory, vio_from_cam: str, camera: Trajectory | None, tolerance_s: float
+) -> tuple[Trajectory, str]:
+    """Make a tracker's poses those of the camera, and say by which transform.
+
+    Args:
+        vio: vio_from_body.
+        vio_from_cam: "auto", or a file with body_from_cam; see `read_body_from_cam`.
+        camera: world_from_cam of the same walk, to estimate it by; None where there is none.
+        tolerance_s: Largest difference of paired timestamps, s.
+
+    Returns:
+        vio_from_cam, and the transform in words.
+
+    Raises:
+        FileError: The file cannot be read, or holds no transform.
+        ParameterError: It is to be estimated, and there is nothing to estimate it by.
+        AssociationError: The motion does not tell.
+    """
+    if vio_from_cam != AUTO:
+        body_from_cam = read_body_from_cam(Path(vio_from_cam))
+        return to_camera(vio, body_from_cam), f"body_from_cam {describe_rotation(body_from_cam)}"
+    if camera is None:
+        raise ParameterError(
+            "vio_from_cam: auto needs another track of the walk's camera: give a file instead"
+        )
+    found = estimate_body_from_cam(vio, camera, tolerance_s)
+    body_from_cam = found.body_from_cam
+    if not quaternion.angle_rad(body_from_cam.quat_xyzw) > 0:
+        return to_camera(vio, body_from_cam), "the poses are the camera's already, nothing to turn"
+    arm, sigma = (
+        ", ".join(f"{each:.3f}" for each in values.tolist())
+        for values in (body_from_cam.translation_m, found.arm_sigma_m)
+    )
+    lever = f"lever arm ({arm}) ± ({sigma}) m"
+    lever = lever if found.knows_arm else "lever arm not observable, taken as zero"
+    sigma_deg = float(np.rad2deg(found.rotation_sigma_rad))
+    text = f"body_from_cam {describe_rotation(body_from_cam)}, ± {sigma_deg:.1f} deg; {lever}"
+    return to_camera(vio, body_from_cam), text
