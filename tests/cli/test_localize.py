@@ -92,11 +92,13 @@ def test_images_with_a_trajectory_give_the_same(run, model, recording, tmp_path,
         path = recording / "images" / f"{row:04d}.jpg"
         if path.exists():
             path.rename(path.with_name(f"{(row + 1) / 2:.6f}.jpg"))
-    code, _, err = run(
-        "localize", "--model", model, "--images", recording / "images" / "*.jpg",
-        "--vio", tmp_path / "vio.tum", "--out", some,
-    )  # fmt: skip
+    arguments = ("--model", model, "--vio", tmp_path / "vio.tum", "--images", recording / "images")
+    code, text, err = run("localize", *arguments, "--out", "-")
     assert code == 0, err
+    arguments = (*arguments[:-1], arguments[-1] / "*.jpg")
+    code, _, err = run("localize", *arguments, "--out", some)
+    assert code == 0, err
+    assert text == some.read_text()  # a folder is all its images
     expected, found = rows_of(whole), rows_of(some)
     assert len(found) == FRAMES - 1  # one frame had no image
     for row in range(7):
@@ -161,6 +163,8 @@ def test_arguments_that_do_not_fit(fails, model, recording, tmp_path):
     assert "give --vio" in fails(*base, "--images", "*.jpg")
     assert "has poses of its own" in fails(*base, "--recording", recording, "--vio", "v.tum")
     assert "found no file" in fails(*base, "--images", tmp_path / "*.jpg", "--vio", "v.tum")
+    (tmp_path / "empty").mkdir()
+    assert "found no file" in fails(*base, "--images", tmp_path / "empty", "--vio", "v.tum")
     assert "--repeats" in fails("bench", model, "--repeats", "0")
 
 

@@ -76,6 +76,10 @@ def test_from_training_to_evaluation(run, scene, tmp_path):
     assert (scene.folder / ".cache" / "images-36" / "train-1.npy").exists()
     assert "2 epochs" in out
     assert "on the validation recordings" in out
+    # Without a terminal, a line an epoch says how it goes.
+    told = [line for line in err.splitlines() if line.startswith("training: ")]
+    assert [line.split(",")[0] for line in told] == [f"training: epoch {n} of 2" for n in (1, 2)]
+    assert all(word in told[-1] for word in ("loss ", "validation ", " images/s", "ETA 0 s"))
     note = json.loads((folder / "regressor.json").read_text())
     assert note["trained"]["images"] == FRAMES
     assert note["spec"]["model"] == "mobile"

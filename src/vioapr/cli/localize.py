@@ -54,7 +54,8 @@ def localize_(
         model: What `vioapr export` wrote.
         out: CSV to write, a row a frame, as `vioapr fuse` does.
         recording: Folder of a recording; its scene's ground truth is used, if there is any.
-        images: Instead of a recording: images of one folder, as a pattern in quotes.
+        images: Instead of a recording: a folder of images, or a pattern of their names in
+            quotes.
         vio: With --images: the tracker's poses, vio_from_cam, in any trajectory format.
         gt: Ground truth, world_from_cam, in any trajectory format.
         report: Folder to write an HTML page with tables and figures to; needs ground truth;

@@ -7,9 +7,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from vioapr.cli.console import progress, say
+from vioapr.cli.console import is_watched, log, progress, say
 from vioapr.cli.flags import split_names
 from vioapr.cli.torch_extra import require_torch
+from vioapr.cli.training_lines import TrainingLines
 from vioapr.errors import ParameterError
 from vioapr.regression.params import TrainingParams, batches_of_epoch
 from vioapr.scene.scene import Scene
@@ -75,9 +76,13 @@ def train(
     frames = choose_frames(opened, split_names(validation))
     with progress("reading images", frames.images) as tick:
         run = prepare_run(opened, frames, spec, params, folder, weights, tick)
-    steps = params.stages[-1].last * batches_of_epoch(len(run.samples), params.batch_size).count
-    with progress("training", steps) as tick:
-        journal = run_training(run._replace(tick=tick), resume=resume)
+    epochs = params.stages[-1].last
+    if is_watched():
+        steps = epochs * batches_of_epoch(len(run.samples), params.batch_size).count
+        with progress("training", steps) as tick:
+            journal = run_training(run._replace(tick=tick), resume=resume)
+    else:
+        journal = run_training(run._replace(watch=TrainingLines(epochs, log)), resume=resume)
     best = journal.epochs[journal.best]
     text = f"{len(journal.epochs)} epochs, {best.images_per_s:.0f} images/s"
     if best.validation_position_m is not None:

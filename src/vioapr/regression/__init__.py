@@ -12,6 +12,7 @@ predict: `load_predictor` and `predict_walks` of `prediction.py`. Configurations
 - `cache.py`, `data.py`, `augmentation.py`, `batches.py`: images to learn from.
 - `losses.py`: the losses.
 - `run.py`, `training.py`, `distributed.py`: a run, and its loop on one or more devices.
+- `watch.py`: what a training tells those who watch it, without PyTorch.
 - `state.py`, `checkpoint.py`: the files of a run, to resume from and to predict with.
 - `prediction.py`: poses of images and recordings, and how good they are.
 """

@@ -14,6 +14,7 @@ from vioapr.regression.checkpoint import load_backbone_weights
 from vioapr.regression.data import PosedFrames, Samples, load_samples, split_frames
 from vioapr.regression.networks import PoseNetwork, build
 from vioapr.regression.params import TrainingParams
+from vioapr.regression.watch import Watch
 from vioapr.scene.scene import Scene
 from vioapr.schemas.regressor import STATE_FILE, RegressorSpec
 
@@ -29,6 +30,7 @@ class Run(NamedTuple):
         folder: Where checkpoints go.
         params: The loop's.
         tick: Called after every step.
+        watch: Told how it goes, or None.
     """
 
     spec: RegressorSpec
@@ -38,6 +40,7 @@ class Run(NamedTuple):
     folder: Path
     params: TrainingParams
     tick: Callable[[], object] = lambda: None
+    watch: Watch | None = None
 
 
 class ChosenFrames(NamedTuple):

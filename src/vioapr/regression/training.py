@@ -30,6 +30,7 @@ from vioapr.regression.params import Stage, TrainingParams
 from vioapr.regression.prediction import validate
 from vioapr.regression.run import Run, check_run
 from vioapr.regression.state import Journal, OptimizerStates, restore_state, save_state
+from vioapr.regression.watch import StepsOfEpoch
 from vioapr.schemas.regressor import REGRESSOR_FILE, STATE_FILE, EpochRecord, Trained
 
 
@@ -108,6 +109,8 @@ def train_stage(
             known = {f"validation_{name}": value for name, value in found.items()}
             record = msgspec.structs.replace(record, **known)
         journal.add(record)
+        if run.watch is not None and fabric.is_global_zero:
+            run.watch.tell_epoch(epoch + 1, len(source), record)
         if fabric.is_global_zero:
             if journal.is_best_last:
                 save_best(run, learner.network, journal)
@@ -192,6 +195,12 @@ def train_epoch(
         if fabric.device.type == "cpu" or number == len(source) - 1:
             check_loss(run, fabric, total, epoch, number)
         run.tick()
+        if run.watch is not None and fabric.is_global_zero and run.watch.is_due():
+            loss_so_far = float(total) / (number + 1)
+            rate = images / (time.perf_counter() - began)
+            run.watch.tell_steps(
+                StepsOfEpoch(epoch + 1, number + 1, len(source), loss_so_far, rate)
+            )
     elapsed_s = time.perf_counter() - began
     return EpochRecord(float(total) / len(source), lr, images / elapsed_s)
 

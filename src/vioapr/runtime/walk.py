@@ -90,18 +90,25 @@ def frames_of_images(images: str, vio: Path) -> WalkFrames:
     Poses belong to images by name, else by timestamps in the images' names, else in order.
 
     Args:
-        images: Pattern of their paths, with wildcards.
+        images: Their folder, or a pattern of their paths with wildcards.
         vio: vio_from_cam, of any format that is read.
 
     Raises:
         FileError: No images, or none with a pose.
         ParameterError: They lie in several folders.
     """
-    start = Path(images).anchor
-    paths = sorted(Path(start).glob(str(Path(images).relative_to(start))))
+    given = Path(images)
+    if given.is_dir():
+        paths = sorted(path for path in given.iterdir() if path.is_file())
+    elif given.exists():  # as it is called, whatever signs of patterns are in its name
+        paths = [given]
+    else:
+        paths = sorted(Path(given.anchor).glob(str(given.relative_to(given.anchor))))
     folders = {path.parent for path in paths}
     if not paths:
-        raise FileMissingError(images, "expected images, found no file that fits this pattern")
+        raise FileMissingError(
+            images, "expected images, found no file in this folder or of this pattern"
+        )
     if len(folders) > 1:
         raise ParameterError(f"images: expected images of one folder, got {len(folders)} folders")
     (walk,) = (
