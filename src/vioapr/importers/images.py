@@ -341,13 +341,20 @@ def pair_images(
     ):
         pairs = [(int(row), of) for of, row in enumerate(placed[0])]
     if not pairs:
-        what = "names" if track.names else "timestamps" if track.is_timed else "number of poses"
+        what = "timestamps" if track.is_timed else "names" if track.names else "number of poses"
         raise FormatError(
             of_walk.path, f"expected {what} that fit the {len(images)} images of "
             f"{found.folder}, as {images[0]}, got none that do"
         )  # fmt: skip
     rows, of = np.array(pairs, dtype=np.intp).T
     return rows, of
+
+
+def pairs_by_name(images: list[str], track: Trajectory) -> list[tuple[int, int]]:
+    """Rows of images and of poses that have one name; the images in order."""
+    row_of = rows_by_name(images) if track.names else {}
+    rows = [(find_row(row_of, name), of) for of, name in enumerate(track.names or ())]
+    return sorted((row, of) for row, of in rows if row is not None)
 
 
 def rows_by_name(images: list[str]) -> dict[str, int | None]:

@@ -27,7 +27,6 @@ from vioapr.importers.matrices import poses_of_matrices
 from vioapr.importers.transforms import (
     Transforms,
     TransformsFrame,
-    read_times,
 )
 from vioapr.importers.transforms_world import World, find_world
 from vioapr.scene.frames import Intrinsics
@@ -115,7 +114,7 @@ def order_frames(
     Returns:
         Times, shape (n,), s, and the unit in the file, or None where they are counted.
     """
-    timed = read_times(found) if options.rate_hz is None else None
+    timed = found.times() if options.rate_hz is None else None
     if timed is None:
         found.frames.sort(key=lambda frame: natural_key(frame.file_path.replace("\\", "/")))
         return np.arange(len(found.frames)) / (options.rate_hz or _DEFAULT_RATE_HZ), None

@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.text import read_text
-from vioapr.formats.times import PER_SECOND, find_time_unit
+from vioapr.formats.base import TimeUnit
+from vioapr.formats.nerfstudio import read_frame_times
 from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 
 _CAMERA = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
-_TIMES = {
-    "timestamp": None, "timestamp_s": 1.0, "timestamp_ms": 1e-3, "timestamp_us": 1e-6,
-    "timestamp_ns": 1e-9, "time_s": 1.0, "time": None,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +95,10 @@ class Transforms:
         places = [self.members, *(frame.members for frame in self.frames)]
         return any(place.get(key) for place in places for key in _DISTORTION)
 
+    def times(self) -> tuple[NDArray[np.float64], TimeUnit] | None:
+        """When each frame was taken, s, NaN where it does not say, and the unit; or None."""
+        return read_frame_times([frame.members for frame in self.frames])
+
     def has(self, key: str) -> bool:
         """Whether the file or one of its frames says something under a name."""
         return key in self.members or any(key in frame.members for frame in self.frames)
@@ -116,33 +117,3 @@ def read_matrix(path: Path, value: object, entry: int) -> tuple[NDArray[np.float
         matrix = np.vstack([numbers.reshape(-1, 4)[:3], [0.0, 0.0, 0.0, 1.0]])
         return matrix, None
     return unusable, 'expected a "transform_matrix" of 4x4 numbers'
-
-
-def read_times(found: Transforms) -> tuple[NDArray[np.float64], str] | None:
-    """When each frame was taken, s, NaN where a frame does not say; and the unit in the file.
-
-    `time` from 0 to 1 is an animation's, as of dynamic scenes, and no clock.
-
-    Returns:
-        Shape (n,) and the unit; None if fewer than 9 of 10 frames say.
-    """
-    for key, scale in _TIMES.items():
-        values = np.array([_number(frame.members.get(key)) for frame in found.frames])
-        known = values[np.isfinite(values)]
-        if len(known) < 0.9 * len(values) or (key == "time" and known.max() <= 1):
-            continue
-        if scale is None:
-            unit = find_time_unit(np.sort(known)).unit
-            scale = 1 / PER_SECOND[unit]
-        else:
-            unit = key.rpartition("_")[2]
-        return values * scale, unit
-    return None
-
-
-def _number(value: object) -> float:
-    """A number, or a text that is one; else NaN."""
-    try:
-        return float(value) if isinstance(value, int | float | str) else np.nan
-    except (ValueError, OverflowError):
-        return np.nan

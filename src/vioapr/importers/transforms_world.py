@@ -11,7 +11,7 @@ from vioapr.errors import FormatError
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import Up
-from vioapr.importers.transforms import Transforms, read_matrix, read_times
+from vioapr.importers.transforms import Transforms, read_matrix
 from vioapr.schemas.foreign_json import as_numbers
 
 # colmap2nerf.py moves cameras so that they are so far from the middle on average.
@@ -77,7 +77,7 @@ def find_maker(found: Transforms, poses: Rigid3) -> tuple[bool, str, str]:
         return False, "the poses are COLMAP's, not metric (colmap_im_id)", ""
     if found.has("depth_integer_scale") or found.has("depth_source"):
         return True, "as NeRFCapture writes ARKit's poses", "ARKit"
-    if read_times(found) is not None:
+    if found.times() is not None:
         return True, "as frames with timestamps are a tracker's", ""
     signs = [key for key in ("sharpness", "aabb_scale") if found.has(key)]
     signs += ["lens distortion"] if found.is_distorted else []
