@@ -100,7 +100,7 @@ def test_images_are_counted_that_are_there(tmp_path):
 
 
 def test_3d_scanner_app(tmp_path):
-    found = import_one("scanner-app", case_folder("20-3d-scanner-app"), tmp_path / "s")
+    found = import_one("3dscannerapp", case_folder("20-3d-scanner-app"), tmp_path / "s")
     frames = found.recording.frames
     assert (len(frames), int(frames.has_image.sum())) == (30, 10)
     assert frames.timestamp_s[0] == 9000

@@ -39,7 +39,7 @@ def import_(
     What each format must hold is in docs/reference/scene.md.
 
     Args:
-        format: stray, record3d, scanner-app (3D Scanner App), polycam, nerfstudio (any
+        format: stray, record3d, 3dscannerapp, polycam, ios-logger, nerfstudio (any
             transforms.json), advio, marvin, 7scenes, cambridge, or images (a folder of images
             with any trajectory file).
         source: The file or folder to import; of images, also a pattern as 'walk/**/*.jpg'.

@@ -126,7 +126,7 @@ def _read_polycam(source: Path, options: ImportOptions) -> list[ImportedScene]:
 
 
 SCANNER_APP = Importer(
-    name="scanner-app",
+    name="3dscannerapp",
     title="3D Scanner App (iPhone), All Data",
     layout='a folder of "All Data" with frame_00000.json and frame_00000.jpg',
     read=_read_scanner_app,

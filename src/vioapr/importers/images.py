@@ -33,6 +33,8 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.diagnostics import turn_y_up
 from vioapr.importers.reading import Reading
+from vioapr.importers.transforms import Transforms
+from vioapr.importers.transforms_world import find_maker
 from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory, nearest_rows
 
@@ -45,11 +47,20 @@ _OTHER_ENDINGS = (
 _CONVERT = "convert them to JPEG or PNG first, e.g. magick mogrify -format jpg FILES"
 # Worlds that are y up by definition, however the phone is held, and one that is not at all.
 _UP_OF_FORMAT: dict[str, Up] = {
+    "3dscannerapp": "definition",
+    "arcore-logger": "definition",
+    "arkit-logger": "definition",
+    "ios-logger": "definition",
+    "marvin-vio": "definition",
+    "polycam": "definition",
     "record3d": "first-pose",
     "scancapture": "definition",
     "stray": "definition",
 }
-_WITHOUT_SCALE = ("colmap", "nerfstudio")
+# Poses that structure from motion made: their unit is nobody's, but where it was georeferenced.
+_WITHOUT_SCALE = (
+    "3dgs", "bundler", "colmap", "colmap-binary", "meshroom", "metashape", "nvm", "opensfm"
+)  # fmt: skip
 
 
 def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
@@ -228,12 +239,20 @@ def add_poses(walk: Walk, found: ImageFiles, vio: Track, options: ImportOptions)
         walk.note(f"world of {vio.path.name}: {world}")
     walk.vio_from_cam = spread_poses(paired, rows, len(walk))
     walk.tracking = tracking_of(walk.vio_from_cam)
-    if vio.format in _WITHOUT_SCALE and not options.metric:
-        walk.warn(
-            f"scale: {vio.path.name} is of {vio.format}, whose poses have no unit: marked as not "
-            "metric; if they are in metres, give `metric`"
-        )
+    if (why := find_no_scale(vio)) and not options.metric:
+        text = "marked as not metric; if they are in metres, give `metric`"
+        walk.warn(f"scale: {why}: {text}")
         walk.info = replace(walk.info, is_metric=False)
+
+
+def find_no_scale(vio: Track) -> str | None:
+    """Why a trajectory is not taken to be in metres, or None if it is."""
+    if vio.format == "nerfstudio":
+        is_metric, why, _ = find_maker(Transforms.read(vio.path), vio.track.target_from_source)
+        return None if is_metric else why
+    if vio.format in _WITHOUT_SCALE:
+        return f"{vio.path.name} is of {vio.format}, whose poses have no unit"
+    return None
 
 
 def find_times(
@@ -348,13 +367,6 @@ def pair_images(
         )  # fmt: skip
     rows, of = np.array(pairs, dtype=np.intp).T
     return rows, of
-
-
-def pairs_by_name(images: list[str], track: Trajectory) -> list[tuple[int, int]]:
-    """Rows of images and of poses that have one name; the images in order."""
-    row_of = rows_by_name(images) if track.names else {}
-    rows = [(find_row(row_of, name), of) for of, name in enumerate(track.names or ())]
-    return sorted((row, of) for row, of in rows if row is not None)
 
 
 def rows_by_name(images: list[str]) -> dict[str, int | None]:

@@ -13,6 +13,7 @@ from vioapr.importers import (
     cambridge,
     frame_files,
     images,
+    ios_logger,
     marvin,
     nerfstudio,
     record3d,
@@ -34,6 +35,7 @@ IMPORTERS: dict[str, Importer] = {
         nerfstudio.IMPORTER,
         frame_files.SCANNER_APP,
         frame_files.POLYCAM,
+        ios_logger.IMPORTER,
         sevenscenes.IMPORTER,
         cambridge.IMPORTER,
         images.IMPORTER,
@@ -41,9 +43,11 @@ IMPORTERS: dict[str, Importer] = {
 }
 
 _ALIASES = {
-    "3d-scanner-app": "scanner-app",
-    "3dscannerapp": "scanner-app",
+    "3d-scanner-app": "3dscannerapp",
+    "scanner-app": "3dscannerapp",
+    "scannerapp": "3dscannerapp",
     "instant-ngp": "nerfstudio",
+    "ioslogger": "ios-logger",
     "nerfcapture": "nerfstudio",
     "sevenscenes": "7scenes",
     "spectacular-ai": "nerfstudio",

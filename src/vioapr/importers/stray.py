@@ -163,7 +163,8 @@ def imu_of_device(
             rest it points down. Some apps write m/s^2; the length tells.
         gyro_rad_s: Device axes, shape (n, 3), rad/s.
     """
-    length = float(np.median(np.linalg.norm(accel, axis=1)))
+    lengths = np.linalg.norm(accel, axis=1)
+    length = float(np.median(lengths[np.isfinite(lengths)])) if np.isfinite(lengths).any() else 0.0
     if 0.7 < length < 1.5:
         unit, scale = "g", STANDARD_GRAVITY_M_S2
     elif 7 < length < 15:
