@@ -1,5 +1,6 @@
 import csv
 import json
+import shutil
 
 import pytest
 
@@ -65,6 +66,68 @@ def test_bad_walks(fails, walk_dir, tmp_path):
     (walk_dir / "gt.tum").write_text("0 0 0\n")
     line = fails("evaluate", walk_dir)
     assert f"{walk_dir / 'gt.tum'}" in line
+
+
+@pytest.fixture
+def walks_dir(walk_dir):
+    """A folder Set with a walk, and five that cannot be evaluated."""
+    root = walk_dir.parent
+    for name in ("broken", "late", "no-gt", "twice", "other-vio"):
+        shutil.copytree(walk_dir, root / name)
+    (root / "broken" / "gt.tum").write_text("1 2 three\n")
+    gt = [line.split() for line in (walk_dir / "gt.tum").read_text().splitlines()]
+    moved = [" ".join([str(float(row[0]) + 9e4), *row[1:]]) for row in gt if row[0] != "#"]
+    (root / "late" / "gt.tum").write_text("\n".join(moved) + "\n")
+    (root / "no-gt" / "gt.tum").unlink()
+    shutil.copy(walk_dir / "gt.tum", root / "twice" / "gt.txt")
+    (root / "other-vio" / "vio_bad.tum").write_bytes(b"\0\1\2")
+    return root
+
+
+def test_what_cannot_be_evaluated_is_named_and_the_rest_is(run, walks_dir, tmp_path):
+    code, out, err = run("evaluate", walks_dir, "--methods", "apr", "--csv", tmp_path / "out.csv")
+    assert code == 0
+    assert "Set, VIO sim, regressor net: 2 walks" in out  # walk and other-vio
+    said = [line for line in err.splitlines() if line.startswith("WARNING skipped: ")]
+    reasons = {
+        walks_dir / "broken" / "gt.tum": ": expected",
+        walks_dir / "late": "no frame has ground truth: no common times",
+        walks_dir / "no-gt": "expected a walk with a file gt.*, found none",
+        walks_dir / "twice": "expected one ground truth file gt.*, got gt.tum, gt.txt",
+        walks_dir / "other-vio" / "vio_bad.tum": "expected a trajectory, got binary content",
+    }
+    assert len(said) == len(reasons)
+    for path, reason in reasons.items():
+        (line,) = (line for line in said if str(path) in line)
+        assert reason in line
+    with (tmp_path / "out.csv").open() as file:
+        assert {row["walk"] for row in csv.DictReader(file)} == {"walk", "other-vio"}
+
+
+@pytest.mark.parametrize("name", ["broken", "late", "no-gt", "twice", "other-vio"])
+def test_strict_evaluates_nothing_of_what_is_not_whole(fails, walks_dir, tmp_path, name):
+    folders = (walks_dir / "walk", walks_dir / name)
+    json_out = ("--json", tmp_path / "out.json")
+    assert str(walks_dir / name) in fails("evaluate", *folders, "--strict", *json_out)
+    assert not (tmp_path / "out.json").exists()
+
+
+@pytest.mark.parametrize("name", ["broken", "late", "no-gt", "twice"])
+def test_nothing_left_is_an_error(run, walks_dir, name):
+    code, out, err = run("evaluate", walks_dir / name)
+    assert (code, out) == (2, "")
+    *warnings, error = err.splitlines()
+    assert all(line.startswith("WARNING ") for line in warnings)
+    assert error.startswith("error: ")
+    assert str(walks_dir / name) in error
+
+
+def test_folders_without_walks_are_left_out_too(run, walk_dir, tmp_path):
+    (tmp_path / "empty").mkdir()
+    code, out, err = run("evaluate", tmp_path / "empty", walk_dir, "--methods", "apr")
+    assert code == 0
+    assert "1 walk" in out
+    assert f"WARNING skipped: {tmp_path / 'empty'}: expected walks" in err
 
 
 def test_no_walks_named(fails):

@@ -15,6 +15,7 @@ from vioapr.cli.console import progress, say, send_messages_aside, warn
 from vioapr.cli.method_params import MethodParams, parse_methods
 from vioapr.cli.streams import OutputFile
 from vioapr.cli.tables import Column, Format, Row, Table, Value, show
+from vioapr.errors import VioAprError
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import Group, tabulate, to_csv, to_records
@@ -70,6 +71,10 @@ def evaluate(
     means over walks of each walk's own, and always say which share of the frames they cover
     and what the raw regressor gets on the same frames.
 
+    What cannot be evaluated (a file that cannot be read, a walk without a part, frames that do
+    not meet) is named, a line each, and left out; the exit code is 0 if something is left. With
+    --strict it is 2, and nothing is written.
+
     Args:
         walks: Folders to search.
         methods: Methods to run, separated by commas: apr, vio, vio-apr, consensus,
@@ -88,14 +93,15 @@ def evaluate(
             it. auto estimates it by ground truth; FILE holds the constant transform body_from_cam,
             see `vioapr fuse --help`.
         time_unit: Unit of all files' times; by default found from their values.
-        strict: Refuse what is otherwise evaluated with a warning.
+        strict: Refuse what is otherwise evaluated or left out with a warning.
         params: Parameters of the methods.
 
     Example:
         vioapr evaluate walks --methods vio-apr,consensus --report report
     """
     chosen = parse_methods(methods, params)
-    folders = find_walks(walks)
+    skip = None if strict else warn_of_skipped
+    folders = find_walks(walks, refuse if strict else warn_of_skipped)
     read = [path for walk in folders for path in walk.paths]
     if vio_from_cam not in (None, AUTO):
         read.append(Path(vio_from_cam))
@@ -106,7 +112,7 @@ def evaluate(
     with progress("reading walks", len(folders)) as tick:
         options = ReadOptions(time_unit=time_unit, strict=strict)
         reader = WalkReader(options, vio_from_cam, say, warn)
-        cases = load_cases(folders, tolerance_s=tolerance_s, reader=reader, tick=tick)
+        cases = load_cases(folders, tolerance_s=tolerance_s, reader=reader, skip=skip, tick=tick)
     with progress("fusing", count_ticks(cases, chosen)) as tick:
         results, groups = tabulate(cases, chosen, view=view, tick=tick)
     print_tables(groups, form)
@@ -123,6 +129,16 @@ def evaluate(
             view=view,
             overwrite=overwrite,
         )
+
+
+def warn_of_skipped(error: VioAprError) -> None:
+    """Say what is left out, and why."""
+    warn(f"skipped: {error}")
+
+
+def refuse(error: VioAprError) -> None:
+    """Leave nothing out."""
+    raise error
 
 
 def check_report(folder: Path | None, *, overwrite: bool) -> None:

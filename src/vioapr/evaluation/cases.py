@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError, VioAprError
-from vioapr.evaluation.walk_tracks import WalkReader
+from vioapr.evaluation.walk_tracks import WalkReader, WalkTracks
 from vioapr.formats.stated_sigmas import read_sigmas_beside
 from vioapr.fusion.pairing import PairedFrames, pair_frames
 from vioapr.geometry.rigid import Rigid3
-from vioapr.scene.walks import WalkFiles
+from vioapr.scene.walks import Skip, WalkFiles
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, poses_of_frames
 from vioapr.work.progress import Tick, ignore
 
@@ -60,6 +61,7 @@ def load_cases(
     *,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
     reader: WalkReader | None = None,
+    skip: Skip | None = None,
     tick: Tick = ignore,
 ) -> list[Case]:
     """Read every walk with each of its odometries and regressors.
@@ -68,32 +70,56 @@ def load_cases(
         walks: From `scene.walks.find_walks`.
         tolerance_s: Largest difference of timestamps within a frame, s.
         reader: Reads the files, and says what looks wrong with them; None checks nothing.
+        skip: Called for files that are left out: those that cannot be read, and those whose
+            frames do not meet. None refuses them.
         tick: Called after every walk, for progress.
 
     Raises:
-        VioAprError: A file is wrong, or its times or names do not meet the others'.
+        VioAprError: A file is wrong, or its times or names do not meet the others', and there is
+            no `skip`, or nothing else.
     """
+    problems: list[VioAprError] = []
+    leave_out = None if skip is None else problems.append
+    reader = replace(reader or WalkReader(), skip=leave_out)
     cases: list[Case] = []
     for walk in walks:
-        tracks = (reader or WalkReader()).read(walk, tolerance_s)
-        gt, vios, aprs = tracks.gt, tracks.vios, tracks.aprs
-        sigmas = {name: read_sigmas_beside(path, aprs[name]) for name, path in walk.aprs.items()}
-        for vio_name, vio in vios.items():
-            for apr_name, apr in aprs.items():
+        try:
+            tracks = reader.read(walk, tolerance_s)
+        except VioAprError as error:
+            if leave_out is None:
+                raise
+            leave_out(error)
+        else:
+            for vio, apr in product(tracks.vios, tracks.aprs):
                 try:
-                    frames = pair_frames(apr, vio, tolerance_s, apr_sigmas=sigmas[apr_name])
-                    is_timed = apr.is_timed and vio.is_timed
-                    timestamp_s = frames.timestamp_s if is_timed else None
-                    gt_poses = poses_of_frames(gt, timestamp_s, frames.names, tolerance_s)
-                    if not gt_poses.is_known.any():
-                        raise AssociationError(
-                            "no frame has ground truth: no common times or names"
-                        )
+                    cases.append(_pair_case(walk, tracks, vio, apr, tolerance_s))
                 except VioAprError as error:
-                    raise AssociationError(
-                        f"{walk.gt.parent}: {walk.aprs[apr_name].name} and "
-                        f"{walk.vios[vio_name].name}: {error}"
-                    ) from None
-                cases.append(Case(walk.set_name, walk.walk, vio_name, apr_name, frames, gt_poses))
+                    if leave_out is None:
+                        raise
+                    leave_out(error)
         tick()
+    if problems and not cases:
+        raise problems[0]
+    for problem in problems:
+        assert skip is not None  # else it was raised
+        skip(problem)
     return cases
+
+
+def _pair_case(
+    walk: WalkFiles, tracks: WalkTracks, vio_name: str, apr_name: str, tolerance_s: float
+) -> Case:
+    """Pair the frames of one odometry and one regressor with ground truth."""
+    apr, vio = tracks.aprs[apr_name], tracks.vios[vio_name]
+    sigmas = read_sigmas_beside(walk.aprs[apr_name], apr)
+    try:
+        frames = pair_frames(apr, vio, tolerance_s, apr_sigmas=sigmas)
+        timestamp_s = frames.timestamp_s if apr.is_timed and vio.is_timed else None
+        gt_poses = poses_of_frames(tracks.gt, timestamp_s, frames.names, tolerance_s)
+        if not gt_poses.is_known.any():
+            raise AssociationError("no frame has ground truth: no common times or names")
+    except VioAprError as error:
+        raise AssociationError(
+            f"{walk.gt.parent}: {walk.aprs[apr_name].name} and {walk.vios[vio_name].name}: {error}"
+        ) from None
+    return Case(walk.set_name, walk.walk, vio_name, apr_name, frames, gt_poses)

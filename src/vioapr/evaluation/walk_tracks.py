@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vioapr.errors import SuspectTrackError
+from vioapr.errors import SuspectTrackError, VioAprError
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.body_from_cam import turn_to_camera
 from vioapr.formats.pair_checks import Role, Track
 from vioapr.formats.registry import read_with_notes
 from vioapr.formats.walk_checks import check_walk
-from vioapr.scene.walks import WalkFiles
+from vioapr.scene.walks import Skip, WalkFiles
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory
 
 
@@ -41,12 +41,15 @@ class WalkReader:
             with body_from_cam; see `formats.body_from_cam`.
         say: Called with facts.
         warn: Called with warnings. Without it, tracks are not checked by each other.
+        skip: Called for a tracker's or regressor's file that cannot be read and is left out; None
+            refuses the walk.
     """
 
     options: ReadOptions = field(default_factory=ReadOptions)
     vio_from_cam: str | None = None
     say: Callable[[str], object] | None = None
     warn: Callable[[str], object] | None = None
+    skip: Skip | None = None
 
     def read(self, walk: WalkFiles, tolerance_s: float = DEFAULT_TOLERANCE_S) -> WalkTracks:
         """Read a walk.
@@ -61,8 +64,7 @@ class WalkReader:
             AssociationError: How the camera is mounted cannot be estimated.
         """
         gt = self._read(walk.gt)
-        vios = {name: self._read(path) for name, path in walk.vios.items()}
-        aprs = {name: self._read(path) for name, path in walk.aprs.items()}
+        vios, aprs = self._read_all(walk.vios), self._read_all(walk.aprs)
         if self.vio_from_cam is not None:
             for name, vio in vios.items():
                 vios[name], how = turn_to_camera(vio, self.vio_from_cam, gt, tolerance_s)
@@ -71,6 +73,18 @@ class WalkReader:
         if self.warn is not None or self.options.strict:
             self._check(walk, WalkTracks(gt, vios, aprs), tolerance_s)
         return WalkTracks(gt, vios, aprs)
+
+    def _read_all(self, files: Mapping[str, Path]) -> dict[str, Trajectory]:
+        """Read files by name, without those that are left out."""
+        read: dict[str, Trajectory] = {}
+        for name, path in files.items():
+            try:
+                read[name] = self._read(path)
+            except VioAprError as error:
+                if self.skip is None:
+                    raise
+                self.skip(error)
+        return read
 
     def _read(self, path: Path) -> Trajectory:
         reading = read_with_notes(path, options=self.options)
@@ -82,7 +96,7 @@ class WalkReader:
         def given(
             role: Role, files: Mapping[str, Path], read: Mapping[str, Trajectory]
         ) -> list[Track]:
-            return [Track(str(path), role, read[name]) for name, path in files.items()]
+            return [Track(str(files[name]), role, track) for name, track in read.items()]
 
         (gt,) = given("gt", {"gt": walk.gt}, {"gt": tracks.gt})
         aprs, vios = given("apr", walk.aprs, tracks.aprs), given("vio", walk.vios, tracks.vios)

@@ -11,11 +11,17 @@ Every trajectory is of any format that `formats.registry` knows, gzipped or not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from vioapr.errors import FileMissingError, FormatError, ParameterError, UnwritableError
+from vioapr.errors import (
+    FileMissingError,
+    FormatError,
+    ParameterError,
+    UnwritableError,
+    VioAprError,
+)
 from vioapr.files.text import natural_key
 from vioapr.formats import stated_sigmas, tum
 from vioapr.scene.scene import Scene
@@ -49,8 +55,17 @@ class WalkFiles:
         return (self.gt, *self.vios.values(), *self.aprs.values(), *filter(None, tables))
 
 
-def find_walks(paths: Sequence[Path]) -> list[WalkFiles]:
+Skip = Callable[[VioAprError], object]
+"""Called with what is wrong with files that are left out."""
+
+
+def find_walks(paths: Sequence[Path], skip: Skip | None = None) -> list[WalkFiles]:
     """Find the walks with ground truth, VIO and predictions at or below some folders.
+
+    Args:
+        paths: The folders.
+        skip: Called for what is left out: walks of which a part is missing, and folders with two
+            files of one name. None refuses these folders, and says nothing of missing parts.
 
     Returns:
         The walks in the order of the paths and, below each, of their folders; none twice.
@@ -58,40 +73,78 @@ def find_walks(paths: Sequence[Path]) -> list[WalkFiles]:
     Raises:
         ParameterError: There is no path.
         FileMissingError: A path is missing.
-        FormatError: A path holds no such walk, or a walk has two files of one name.
+        FormatError: No path holds such a walk; without `skip`, also if one of them does not, or
+            a walk has two files of one name.
     """
     if not paths:
         raise ParameterError("paths: expected at least one folder with walks, got none")
     walks: dict[Path, WalkFiles] = {}
+    problems: list[VioAprError] = []
     for path in paths:
         if not path.exists():
             raise FileMissingError(path, "expected a folder with walks, got nothing")
         if not path.is_dir():
             raise FormatError(path, "expected a folder with walks, got a file")
-        found = [walk for walk in walks_at(path) if walk.vios and walk.aprs]
-        if not found:
-            raise FormatError(
-                path,
-                "expected walks: folders with a file gt.*, at least one vio_*.* and at least "
-                "one apr_*.*; found none",
+        given = len(problems)
+        found = [
+            walk
+            for walk in walks_at(path, None if skip is None else problems.append)
+            if walk.vios and walk.aprs
+        ]
+        if skip is not None:
+            problems += _unfinished_walks(path)
+        if not found and len(problems) == given:
+            problems.append(
+                FormatError(
+                    path,
+                    "expected walks: folders with a file gt.*, at least one vio_*.* and at least "
+                    "one apr_*.*; found none",
+                )
             )
         walks |= {walk.gt.parent.resolve(): walk for walk in found}
+        if problems and skip is None:
+            raise problems[0]
+    if problems and not walks:
+        raise problems[0]
+    for problem in problems:
+        assert skip is not None  # else the first one was raised
+        skip(problem)
     return list(walks.values())
 
 
-def walks_at(path: Path) -> Iterator[WalkFiles]:
+def _unfinished_walks(path: Path) -> Iterator[FormatError]:
+    """Name the folders at or below a path that hold two of a walk's three parts."""
+    for folder in (path, *sorted(p for p in path.rglob("*") if p.is_dir())):
+        names = [p.name for p in folder.iterdir() if p.is_file() and not is_sidecar(p)]
+        has = {
+            "gt.*": any(name.split(".")[0] == GT_NAME for name in names),
+            "vio_*.*": any(name.startswith(VIO_PREFIX) for name in names),
+            "apr_*.*": any(name.startswith(APR_PREFIX) for name in names),
+        }
+        if sum(has.values()) == len(has) - 1:
+            (missing,) = (part for part, is_there in has.items() if not is_there)
+            yield FormatError(folder, f"expected a walk with a file {missing}, found none")
+
+
+def walks_at(path: Path, skip: Skip | None = None) -> Iterator[WalkFiles]:
     """Find walks of both layouts, with whatever files they have.
 
     Args:
         path: A folder at or below which walks are, or the common beginning of one walk's files,
             e.g. `tum10hz/advio-18`, or its ground truth.
+        skip: Called for folders that are left out because a walk has two files of one name.
 
     Raises:
-        FormatError: A walk has two files of one name.
+        FormatError: A walk has two files of one name, and there is no `skip`.
     """
     if path.is_dir():
         for folder in (path, *sorted(p for p in path.rglob("*") if p.is_dir())):
-            yield from _walks_in(folder)
+            try:
+                yield from list(_walks_in(folder))
+            except FormatError as error:
+                if skip is None:
+                    raise
+                skip(error)
     elif path.parent.is_dir():
         for walk in _walks_in(path.parent):
             if path.name == walk.walk or walk.gt == path:
