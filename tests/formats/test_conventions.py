@@ -34,6 +34,11 @@ def commas(text):
     return text.replace(" ", ",")
 
 
+def spaced(text):
+    return text.replace(" ", ", ")
+
+
+ROTATION = [row[:3] for row in MATRIX[:3]]
 MST = "scene,split,seq,img_path,t1,t2,t3,q1,q2,q3,q4\n"
 EXAMPLES = {
     "tum": ("a.tum", f"10.5 1 2 3 {OURS_XYZW}"),
@@ -81,6 +86,80 @@ EXAMPLES = {
         f"x,10500000,1,2,3,-{HALF},0,0,{HALF}",
     ),
     "advio-vio": ("arkit.csv", f"10.5,1,2,3,{commas(OPENGL_WXYZ)}"),
+    "ios-logger": ("ARposes.txt", f"10.5,1,2,3,{commas(OPENGL_WXYZ)}\r\n"),
+    # cam_from_world turns by +90 degrees about x.
+    "arkitscenes": ("lowres_wide.traj", f"10.5 {np.pi / 2} 0 0 {INVERSE_T}"),
+    "spectacular": (
+        "out.jsonl",
+        '{"time": 10.5, "position": {"x": 1, "y": 2, "z": 3}, '
+        f'"orientation": {{"w": {HALF}, "x": -{HALF}, "y": 0, "z": 0}}}}',
+    ),
+    "spectacular, cameras": (
+        "cameras.jsonl",
+        json.dumps({"time": 10.5, "cameraPoses": [{"cameraToWorld": MATRIX}]}),
+    ),
+    "kapture": (
+        "trajectories.txt",
+        "# kapture format: 1.1\n# timestamps: microseconds\n"
+        f"10500000, cam, {spaced(INVERSE_WXYZ)}, {spaced(INVERSE_T)}",
+    ),
+    "lamar": (
+        "trajectories.txt",
+        "# timestamp, device_id, qw, qx, qy, qz, tx, ty, tz, *covar\n"
+        f"10500000, cam, {spaced(OURS_WXYZ)}, 1, 2, 3\n"
+        f"10533333, cam, {spaced(OURS_WXYZ)}, 1, 2, 3",
+    ),
+    "3dgs": (
+        "cameras.json",
+        json.dumps([{"id": 0, "img_name": "a/b.png", "position": POSITION, "rotation": ROTATION}]),
+    ),
+    "open3d": ("a.log", "0 0 1\n" + "\n".join(" ".join(map(str, row)) for row in MATRIX)),
+    "metashape": (
+        "cameras.xml",
+        '<document version="1.5.0"><chunk><cameras><camera id="0" label="a/b.png"><transform>'
+        "1 0 0 0.5 0 0 1 1 0 -1 0 1 0 0 0 1</transform></camera></cameras><transform>"
+        "<translation>0 0 1</translation><scale>2</scale></transform></chunk></document>",
+    ),
+    # Level, and the top of the picture up: the view is raised by 90 degrees from straight down.
+    "realitycapture": (
+        "cameras.csv",
+        "#cameras 1\n#name,x,y,alt,heading,pitch,roll,f\na/b.png,1,2,3,0,90,0,24.5",
+    ),
+    "meshroom": (
+        "cameras.sfm",
+        json.dumps(
+            {
+                "views": [{"viewId": "7", "poseId": "7", "path": "a/b.png"}],
+                "poses": [
+                    {
+                        "poseId": "7",
+                        "pose": {
+                            "transform": {
+                                "rotation": [str(v) for row in ROTATION for v in row],
+                                "center": ["1", "2", "3"],
+                            }
+                        },
+                    }
+                ],
+            }
+        ),
+    ),
+    "opensfm": (
+        "reconstruction.json",
+        json.dumps(
+            [
+                {
+                    "cameras": {},
+                    "shots": {
+                        "a/b.png": {"rotation": [np.pi / 2, 0, 0], "translation": [-1, 3, -2]}
+                    },
+                }
+            ]
+        ),
+    ),
+    # An OpenGL camera's cam_from_world: a turn by -90 degrees about x, t = (-1, -3, 2).
+    "bundler": ("bundle.out", "# Bundle file v0.3\n1 0\n500 0 0\n1 0 0\n0 0 1\n0 -1 0\n-1 -3 2"),
+    "nvm": ("a.nvm", f"NVM_V3 \n\n1\na/b.png\t500 {INVERSE_WXYZ} 1 2 3 0 0\n"),
 }
 
 

@@ -60,7 +60,7 @@ class _Dialect:
             ParameterError: There are several devices, or not the one that is asked for.
         """
         path = _file_of(path)
-        rows = _parse(path, _WIDTHS, _COLUMNS)
+        rows = _parse(path, _COLUMNS)
         cameras = self._rig_cameras(path.parent)
         device, camera = _choose_device(path, rows.column(1), cameras, options)
         rows = rows.at(k for k, name in enumerate(rows.column(1)) if name == device)
@@ -89,9 +89,9 @@ class _Dialect:
     def _rig_cameras(self, folder: Path) -> dict[tuple[str, str], Rigid3]:
         """rig_from_camera by rig and camera; none where there is no table of rigs."""
         path = folder / "rigs.txt"
-        if not path.is_file() or not read_text(path).strip():
+        if not path.is_file() or not head_rows(read_bytes(path, 16384), ","):
             return {}
-        rows = _parse(path, _WIDTHS, f"rig_device_id, sensor_{_COLUMNS[11:]}", can_be_empty=True)
+        rows = _parse(path, f"rig_device_id, sensor_{_COLUMNS[11:]}")
         kinds = _sensor_kinds(folder)
         poses = self.convert(_poses(rows))
         return {
@@ -119,12 +119,9 @@ def _file_of(path: Path) -> Path:
     return inner if inner.is_file() else path / _FILE
 
 
-def _parse(path: Path, widths: range, what: str, *, can_be_empty: bool = False) -> Rows:
+def _parse(path: Path, what: str) -> Rows:
     """The rows of a table; a pose that is not known may be blank."""
-    text = read_text(path)
-    if can_be_empty and all(line.startswith("#") for line in text.split("\n") if line.strip()):
-        return Rows(path, [], [])
-    return parse_rows(path, text, widths, what=what, delimiter=",")
+    return parse_rows(path, read_text(path), _WIDTHS, what=what, delimiter=",")
 
 
 def _poses(rows: Rows) -> Rigid3:
@@ -247,7 +244,7 @@ def write_lamar(path: Path, trajectory: Trajectory) -> None:
     _write(path, trajectory, trajectory.target_from_source, f"# {_COLUMNS}, *covar")
 
 
-_NOTE = "OpenCV axes, quaternion wxyz, metres; `sequence` names the device"
+_NOTE = "OpenCV axes, quaternion wxyz, metres"
 
 FORMAT = Format(
     name="kapture",

@@ -151,7 +151,7 @@ def _note_world(path: Path, chunk: Element, poses: Rigid3, options: ReadOptions)
     if len(known) and np.abs(known).max() > _GEOCENTRIC_M:
         text = "positions are geocentric (georeferenced project): z is not up"
         options.note(path, text, is_warning=True)
-    elif not any(chunk.iter("scale")):
+    elif next(chunk.iter("scale"), None) is None:
         text = "the project has no scale: positions are not metres"
         options.note(path, text, is_warning=True)
 

@@ -73,23 +73,12 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         FileError: It cannot be read or is malformed, naming file and line.
         ParameterError: The poses are several tracks', or not the one's that is asked for.
     """
-    rows = Rows(path, [], [])
-    found: dict[str, list[int]] = {}
-    entries: list[dict[str, Any]] = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        if not line.strip():
-            continue
-        entry, kind = _parse(path, line, number)
-        if kind is not None:
-            found.setdefault(kind, []).append(len(entries))
-            entries.append(entry)
-            rows.fields.append([])
-            rows.lines.append(number)
-    kind = _choose(path, list(found), options)
-    rows, entries = rows.at(found[kind]), [entries[k] for k in found[kind]]
+    tracks = _read_tracks(path, options)
+    kind = _choose(path, list(tracks), options)
+    rows = Rows(path, [[] for _ in tracks[kind]], [line for line, _ in tracks[kind]])
     times: list[float] = []
     matrices: list[NDArray[np.float64]] = []
-    for entry, line in zip(entries, rows.lines, strict=True):
+    for line, entry in tracks[kind]:
         times.append(float(as_numbers(path, entry.get("time"), (), '"time"', line)))
         matrices.append(_matrix_of(path, entry, kind, line))
         status = entry.get("status", _TRACKING)
@@ -105,15 +94,27 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     return build_trajectory(rows, seconds, poses, options, source=source)
 
 
-def _parse(path: Path, line: str, number: int) -> tuple[dict[str, Any], str | None]:
-    try:
-        entry: object = json.loads(line)
-    except (ValueError, RecursionError):
-        raise FormatError(path, "expected a JSON object in each line", number) from None
-    if not isinstance(entry, dict):
-        raise FormatError(path, "expected a JSON object in each line", number)
-    fields = cast("dict[str, Any]", entry)
-    return fields, _kind_of(fields)
+def _read_tracks(path: Path, options: ReadOptions) -> dict[str, list[tuple[int, dict[str, Any]]]]:
+    """The lines with a pose and their numbers, by where they have it."""
+    tracks: dict[str, list[tuple[int, dict[str, Any]]]] = {}
+    text = read_text(path)
+    lines = text.splitlines()
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            entry: object = json.loads(line)
+        except (ValueError, RecursionError):
+            entry = None
+        if isinstance(entry, dict):
+            fields = cast("dict[str, Any]", entry)
+            if (kind := _kind_of(fields)) is not None:
+                tracks.setdefault(kind, []).append((number, fields))
+        elif number == len(lines) > 1 and not text.endswith("\n") and not options.strict:
+            options.note(path, f"line {number} ends early: left out", is_warning=True)
+        else:
+            raise FormatError(path, "expected a JSON object in each line", number)
+    return tracks
 
 
 def _choose(path: Path, kinds: list[str], options: ReadOptions) -> str:
