@@ -378,3 +378,17 @@ def test_nerfstudio_broken_intrinsics(capture):
     change(capture, lambda content: content.update(fl_x="wide"))
     with pytest.raises(FormatError, match=r"transforms.json:1: expected intrinsics as a list of"):
         read_walks(NERFSTUDIO, capture)
+
+
+def test_marvin_a_row_without_a_pose_costs_its_image_the_label(tmp_path):
+    church = make_marvin(tmp_path / "Church")
+    for name in ("train.txt", "ARKit.txt"):
+        lines = (church / name).read_text().splitlines()
+        image = lines[4 if name == "train.txt" else 6].split()[0]
+        row = next(k for k, line in enumerate(lines) if line.startswith(image))
+        lines[row] = " ".join([image, *["nan"] * 7])
+        (church / name).write_text("\n".join(lines) + "\n")
+    train, _ = read_walks(MARVIN, church)
+    assert len(train) == COUNT
+    assert "19 with tracker's pose, 19 with ground truth" in texts(train, warnings=False)
+    assert texts(train, warnings=True).count("1 row has no pose") == 2

@@ -253,6 +253,55 @@ def test_what_was_left_by_a_kill_is_replaced(scene, tmp_path):
     assert sorted(p.name for p in left.parent.iterdir()) == ["scan", "walk-1", "walk-2"]
 
 
+@pytest.mark.parametrize("at", ["write_gt", "save", "rename"])
+def test_an_import_that_was_killed_at_the_end_can_be_run_again(at, scene, tmp_path, monkeypatch):
+    """A kill leaves ground truth, an entry in scene.toml and a partial folder, or less."""
+    source = make_images(tmp_path / "s")
+
+    def import_again():
+        (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+        return write_recording(Scene.open(scene.folder), walk)
+
+    class Killed(BaseException):
+        pass
+
+    def killed(*_args):
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        if at == "rename":
+            patch.setattr("pathlib.Path.rename", killed)
+        else:
+            patch.setattr(Scene, at, killed)
+        # Nothing is put back, as after kill -9.
+        for name in ("remove_gt_file", "write_bytes", "shutil.rmtree"):
+            patch.setattr(f"vioapr.importers.write.{name}", lambda *_args, **_options: None)
+        with pytest.raises(Killed):
+            import_again()
+    again = import_again()
+    assert again.splits["train"] == ("walk-1", "images")
+    assert len(again.gt("images")) == COUNT
+    assert not check_scene(scene.folder).errors
+    assert sorted(p.name for p in again.recording_folder("images").parent.iterdir()) == [
+        "images", "walk-1", "walk-2",
+    ]  # fmt: skip
+
+
+def test_an_interrupt_at_the_very_end_leaves_the_scene_as_it_was(scene, tmp_path, monkeypatch):
+    source = make_images(tmp_path / "s")
+    (walk,) = read_walks(IMAGES, source / "images", gt=source / "gt.tum")
+    before = snapshot(scene)
+
+    def interrupt(*_args):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.rename", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            write_recording(scene, walk)
+    assert snapshot(scene) == before
+
+
 def imported(place=None):
     return ImportedScene("Church", place, World(), 1, lambda: iter(()))
 

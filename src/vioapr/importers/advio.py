@@ -15,7 +15,6 @@ from pathlib import Path
 from vioapr.errors import FormatError, ParameterError
 from vioapr.files.text import natural_key, plain_name
 from vioapr.formats import advio
-from vioapr.formats.base import ReadOptions
 from vioapr.geometry.frames import z_up_from_y_up
 from vioapr.importers.base import (
     ImportedScene,
@@ -27,6 +26,7 @@ from vioapr.importers.base import (
     require_one,
     tracking_of,
 )
+from vioapr.importers.reading import Reading, read_noted
 from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory
 
@@ -88,7 +88,8 @@ def read_walk(id_: str, track: Path, tracker: str, options: ImportOptions) -> Wa
     """Read one sequence: a tracker's file, and the ground truth that belongs to it."""
     device, title = _TRACKERS[tracker]
     is_raw = plain_name(track).endswith(".csv")
-    vio = _read_track(track, is_raw=is_raw, is_tracker=True)
+    reading = _read_track(track, options, is_raw=is_raw, is_tracker=True)
+    vio = reading.trajectory
     walk = Walk(
         id=id_,
         split=options.split_or("test"),
@@ -100,12 +101,15 @@ def read_walk(id_: str, track: Path, tracker: str, options: ImportOptions) -> Wa
         vio_from_cam=vio.target_from_source,
         tracking=tracking_of(vio.target_from_source),
     )
+    reading.say(walk)
     walk.note("no images: poses only")
     truth = find_gt(track, tracker)
     if truth is None:
         walk.warn("no ground truth beside the track")
         return walk
-    gt = _read_track(truth, is_raw=is_raw, is_tracker=False)
+    reading = _read_track(truth, options, is_raw=is_raw, is_tracker=False)
+    reading.say(walk)
+    gt = reading.trajectory
     if is_raw:
         gt = correct_raw(walk, vio, gt, has_own_clock=tracker == "arcore")
     # Ground truth is kept at the times of frames that it covers.
@@ -123,11 +127,10 @@ def read_walk(id_: str, track: Path, tracker: str, options: ImportOptions) -> Wa
     return walk
 
 
-def _read_track(path: Path, *, is_raw: bool, is_tracker: bool) -> Trajectory:
+def _read_track(path: Path, options: ImportOptions, *, is_raw: bool, is_tracker: bool) -> Reading:
     if is_raw:
-        format_ = advio.VIO_FORMAT if is_tracker else advio.FORMAT
-        return format_.read(path, ReadOptions())
-    return advio.read_corrected(path, is_tracker=is_tracker)
+        return read_noted((advio.VIO_FORMAT if is_tracker else advio.FORMAT).read, path, options)
+    return Reading(advio.read_corrected(path, is_tracker=is_tracker), (), ())
 
 
 def correct_raw(walk: Walk, vio: Trajectory, gt: Trajectory, *, has_own_clock: bool) -> Trajectory:

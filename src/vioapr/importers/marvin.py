@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vioapr.errors import AssociationError, FormatError, ParameterError
 from vioapr.files.text import natural_key, require_folder
 from vioapr.formats import conventions, marvin
-from vioapr.formats.base import ReadOptions
+from vioapr.formats.notes import ReadingNote
 from vioapr.formats.readings import fits_better_inverted
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
@@ -36,6 +36,7 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.diagnostics import map_up
 from vioapr.importers.marvin_sensors import add_sensors
+from vioapr.importers.reading import read_noted
 from vioapr.schemas.recording import RecordingInfo
 from vioapr.schemas.scene import World
 from vioapr.trajectory import Trajectory
@@ -55,27 +56,37 @@ class SceneFiles:
         folder: The scene's.
         gts: Ground truth by split.
         vios: The trackers' poses by the tracker's title.
+        unlabelled: By split, images whose rows give no pose.
+        notes: What the readers say of the files.
     """
 
     folder: Path
     gts: dict[str, Trajectory]
     vios: dict[str, Trajectory]
+    unlabelled: dict[str, list[str]]
+    notes: tuple[ReadingNote, ...]
 
     @staticmethod
-    def read(folder: Path, trackers: Iterable[str]) -> SceneFiles:
+    def read(folder: Path, trackers: Iterable[str], options: ImportOptions) -> SceneFiles:
         """Read the files that are there, of some of the trackers.
 
         Raises:
             FormatError: One is broken.
         """
-        gts, vios = {}, {}
+        gts: dict[str, Trajectory] = {}
+        vios: dict[str, Trajectory] = {}
+        unlabelled: dict[str, list[str]] = {}
+        notes: tuple[ReadingNote, ...] = ()
         for split, name in _SPLITS.items():
             if (folder / name).is_file():
-                gts[split] = marvin.FORMAT.read(folder / name, ReadOptions())
+                reading = read_noted(marvin.FORMAT.read, folder / name, options)
+                gts[split], notes = reading.trajectory, (*notes, *reading.notes)
+                unlabelled[split] = [row.name for row in reading.left_out if row.name]
         for name, title in (_TRACKERS[tracker] for tracker in trackers):
             if (folder / name).is_file():
-                vios[title] = marvin.VIO_FORMAT.read(folder / name, ReadOptions())
-        return SceneFiles(folder, gts, vios)
+                reading = read_noted(marvin.VIO_FORMAT.read, folder / name, options)
+                vios[title], notes = reading.trajectory, (*notes, *reading.notes)
+        return SceneFiles(folder, gts, vios, unlabelled, notes)
 
     def recordings(self) -> dict[tuple[str, str], list[str]]:
         """Image names of every recording, in natural order, by folder and split.
@@ -85,7 +96,7 @@ class SceneFiles:
         recordings: dict[tuple[str, str], list[str]] = {}
         split_of_folder: dict[str, str] = {}
         for split, gt in self.gts.items():
-            for name in gt.names or ():
+            for name in (*(gt.names or ()), *self.unlabelled[split]):
                 folder = str(PurePosixPath(name).parent)
                 split_of_folder.setdefault(folder, split)
                 recordings.setdefault((folder, split), []).append(name)
@@ -152,7 +163,7 @@ def read_scene(folder: Path, options: ImportOptions) -> ImportedScene:
     if tracker is not None and tracker not in _TRACKERS:
         expected = " or ".join(_TRACKERS)
         raise ParameterError(f"tracker: expected {expected}, got {options.tracker!r}")
-    files = SceneFiles.read(folder, _TRACKERS if tracker is None else [tracker])
+    files = SceneFiles.read(folder, _TRACKERS if tracker is None else [tracker], options)
     recordings = files.recordings()
     require_one(folder, options, len(recordings))
     name = folder.resolve().name
@@ -167,11 +178,16 @@ def read_scene(folder: Path, options: ImportOptions) -> ImportedScene:
 
     def walks() -> Iterator[Walk]:
         splits_of: dict[str, int] = Counter(inner for inner, _ in recordings)
+        notes = files.notes
         for (inner, split), images in recordings.items():
             own = split if inner == "." else inner
             is_in_both = inner != "." and splits_of[inner] > 1
             id_ = options.id or id_of(f"{own}-{split}" if is_in_both else own)
-            yield read_walk(files, id_, split, images, rate_hz, options)
+            walk = read_walk(files, id_, split, images, rate_hz, options)
+            for note in notes:
+                (walk.warn if note.is_warning else walk.note)(note.text)
+            notes = ()  # they are of all recordings: the first one has them
+            yield walk
 
     world = World(is_gravity_aligned=files.is_z_up())
     return ImportedScene(name, place, world, len(recordings), walks)

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
-from vioapr.errors import AlreadyExistsError, FormatError, ParameterError, UnwritableError
+from vioapr.errors import (
+    AlreadyExistsError,
+    FormatError,
+    ParameterError,
+    UnwritableError,
+    VioAprError,
+)
 from vioapr.files.atomic import leftovers_beside, partial_beside
-from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, ImportedScene, Place, Walk
+from vioapr.files.text import read_bytes, write_bytes
+from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, Image, ImportedScene, Place, Walk
 from vioapr.importers.diagnostics import diagnose_images
 from vioapr.importers.fitting import CameraFitter, drop_impossible_intrinsics, sizes_of
 from vioapr.importers.pictures import NO_FILE, PictureReader
 from vioapr.scene.frames import Frames
+from vioapr.scene.gt_origin import remove_gt_file
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.work.progress import Advance, ignore
@@ -88,31 +100,47 @@ def write_recording(
     settings = settings or WriteSettings()
     refuse_warnings(walk, settings)
     folder, gt_path = scene.recording_folder(walk.id), scene.gt_path(walk.id)
-    for path, what in ((folder, "a recording"), (gt_path, "ground truth")):
-        if path.exists():
-            problem = f"{what} of this id exists: give another as `id`, or remove it first"
-            raise AlreadyExistsError(path, problem)
+    require_new(scene, walk.id)
     for leftover in leftovers_beside(folder):
         shutil.rmtree(leftover, ignore_errors=True)
     partial = partial_beside(folder)
+    before = read_bytes(scene.folder / SCENE_FILE)
     try:
         _write_files(partial, walk, settings, tick)
         if walk.gt is not None:
             scene.write_gt(walk.id, walk.gt, "importer", walk.info.source)
-        partial.rename(folder)
         if walk.info.is_diverging:
-            scene = scene.with_excluded(walk.id, _DIVERGING)
+            entered = scene.with_excluded(walk.id, _DIVERGING)
         else:
-            scene = scene.with_recording(walk.id, walk.split)
-        scene.save()
+            entered = scene.with_recording(walk.id, walk.split)
+        entered.save()
+        # Last: whatever a kill leaves before, the same import can be run again.
+        partial.rename(folder)
     except BaseException as error:
         shutil.rmtree(partial, ignore_errors=True)
-        shutil.rmtree(folder, ignore_errors=True)
-        gt_path.unlink(missing_ok=True)
+        remove_gt_file(gt_path)
+        with suppress(VioAprError):
+            if read_bytes(scene.folder / SCENE_FILE) != before:
+                write_bytes(scene.folder / SCENE_FILE, before)
         if isinstance(error, OSError):
             raise UnwritableError.of(folder, error) from None
         raise
-    return scene
+    return entered
+
+
+def require_new(scene: Scene, id_: str) -> None:
+    """See that nothing of a recording is there, but for what a killed import left.
+
+    Raises:
+        AlreadyExistsError: The recording exists, or ground truth that no import wrote.
+    """
+    problem = "of this id exists: give another as `id`, or remove it first"
+    folder, gt_path = scene.recording_folder(id_), scene.gt_path(id_)
+    if folder.exists():
+        raise AlreadyExistsError(folder, f"a recording {problem}")
+    origin = scene.gt_origin(id_) if gt_path.exists() else None
+    if gt_path.exists() and (origin is None or origin.writer != "importer"):
+        raise AlreadyExistsError(gt_path, f"ground truth {problem}")
 
 
 def _write_files(folder: Path, walk: Walk, settings: WriteSettings, tick: Advance) -> None:
@@ -129,29 +157,16 @@ def _write_files(folder: Path, walk: Walk, settings: WriteSettings, tick: Advanc
     with RecordingWriter(folder, walk.info, link_images=settings.link) as writer:
         for start in range(0, len(walk), _BLOCK_FRAMES):
             rows = np.arange(start, min(start + _BLOCK_FRAMES, len(walk)))
-            names: list[str] = []
-            measured = np.full((2, len(rows)), np.nan)
             said = walk.intrinsics.at(rows)
-            said_sizes = sizes_of(said)
-            for column, row in enumerate(rows.tolist()):
-                # A source may end early, as a video that was cut off.
-                name, given = str(walk.image_names[row]), next(images, None)
-                image, size, problem = pictures.read(given if name else None, said_sizes[column])
-                if name and image is None and not problem:
-                    problem = "missing"
-                if problem:
-                    is_gone = problem == NO_FILE and isinstance(given, Path | str)
-                    broken.append(f"{given if is_gone else name}: {problem}")
-                    name = ""
-                elif image is not None:
-                    writer.write_image(name, image)
-                if size is not None:
-                    measured[:, column] = size
-                names.append(name)
+            # A source may end early, as a video that was cut off.
+            given = itertools.chain(itertools.islice(images, len(rows)), itertools.repeat(None))
+            names = [str(walk.image_names[row]) for row in rows.tolist()]
+            wanted = zip(names, given, sizes_of(said), strict=False)
+            written, measured = _write_images(writer, pictures, wanted, broken)
             intrinsics = fitter.fit(said, measured)
             times, states = walk.timestamp_s[rows], walk.tracking[rows]
             poses = walk.vio_from_cam.at(rows)
-            writer.add_frames(Frames(times, tuple(names), states, poses, intrinsics, rows))
+            writer.add_frames(Frames(times, written, states, poses, intrinsics, rows))
             tick(len(rows))
         _write_sensors(writer, walk)
         diagnose_images(walk, broken)
@@ -161,6 +176,38 @@ def _write_files(folder: Path, walk: Walk, settings: WriteSettings, tick: Advanc
         marks = ("WARNING " if finding.is_warning else "" for finding in walk.findings)
         notes = tuple(m + finding.text for m, finding in zip(marks, walk.findings, strict=True))
         writer.set_info(replace(walk.info, notes=notes))
+
+
+def _write_images(
+    writer: RecordingWriter,
+    pictures: PictureReader,
+    wanted: Iterable[tuple[str, Image, tuple[int, int] | None]],
+    broken: list[str],
+) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+    """Write some frames' images.
+
+    Args:
+        writer: Of the recording.
+        pictures: Reads them.
+        wanted: Name, image and the size that its intrinsics are of, for each frame.
+        broken: Where images that cannot be used are added.
+
+    Returns:
+        The names of those that were written, "" for the other frames; widths and heights, shape
+        (2, n), NaN for these.
+    """
+    names: list[str] = []
+    sizes: list[tuple[float, float]] = []
+    for name, given, said in wanted:
+        image, size, problem = pictures.read(given if name else None, said)
+        if name and image is None:
+            is_gone = problem == NO_FILE and isinstance(given, Path | str)
+            broken.append(f"{given if is_gone else name}: {problem or 'missing'}")
+        elif image is not None:
+            writer.write_image(name, image)
+        names.append("" if image is None else name)
+        sizes.append(size or (np.nan, np.nan))
+    return tuple(names), np.array(sizes, dtype=np.float64).T
 
 
 def _write_sensors(writer: RecordingWriter, walk: Walk) -> None:
