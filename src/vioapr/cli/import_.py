@@ -32,6 +32,7 @@ def import_(
     focal_px: float | None = None,
     metric: bool = False,
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS,
+    vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
     strict: bool = False,
 ) -> None:
     """Import what another app or data set recorded into a scene, and say what was found.
@@ -59,6 +60,8 @@ def import_(
             a wrong one.
         metric: The poses are in metres, although the source does not show it (nerfstudio, images).
         max_megapixels: The largest image to import; at most 400.
+        vio_from_cam: For --poses of an IMU's body: how the camera is mounted on it. auto estimates
+            it by --gt; FILE holds the constant transform body_from_cam, see `vioapr fuse --help`.
         strict: Refuse what is otherwise imported with a warning.
 
     Example:
@@ -81,6 +84,7 @@ def import_(
         metric,
         max_megapixels,
         strict,
+        vio_from_cam,
     )
     importer = get_importer(format)
     flags = flag_names(import_)

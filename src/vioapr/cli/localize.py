@@ -8,17 +8,21 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import progress, say
+from vioapr.cli.console import progress, say, warn, warn_of_tracks
 from vioapr.cli.evaluate import check_report, print_tables, publish
 from vioapr.cli.streams import InputFile, OutputFile
-from vioapr.errors import ParameterError
+from vioapr.cli.tracks import read_track
+from vioapr.errors import FormatError, ParameterError
 from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import COMPARED, compare_methods
 from vioapr.files.outputs import check_outputs
-from vioapr.formats.registry import read_trajectory
+from vioapr.formats.base import ReadOptions, TimeUnit
+from vioapr.formats.body_from_cam import AUTO, describe_mount, read_body_from_cam
 from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import default_params
+from vioapr.geometry.rigid import Rigid3
+from vioapr.importers.base import ImportOptions
 from vioapr.report.formatting import format_statuses
 from vioapr.runtime import viewing
 from vioapr.runtime.localizer import Located, OnnxLocalizer
@@ -29,6 +33,7 @@ from vioapr.runtime.walk import (
     frames_of_recording,
     localize,
 )
+from vioapr.runtime.walk_checks import check_localized, estimate_mount, mount_frames
 from vioapr.trajectory import Trajectory
 
 
@@ -39,6 +44,11 @@ def localize_(
     images: str | None = None,
     vio: InputFile | None = None,
     gt: InputFile | None = None,
+    vio_format: str | None = None,
+    gt_format: str | None = None,
+    vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
+    time_unit: TimeUnit | None = None,
+    strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     report: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     threads: int | None = None,
@@ -58,6 +68,13 @@ def localize_(
             quotes.
         vio: With --images: the tracker's poses, vio_from_cam, in any trajectory format.
         gt: Ground truth, world_from_cam, in any trajectory format.
+        vio_format: Format of the tracker's poses, if it is not recognized.
+        gt_format: Format of the ground truth, if it is not recognized.
+        vio_from_cam: For a tracker that gives poses of an IMU's body: how the camera is mounted on
+            it. auto estimates it by the file's predictions of up to 300 frames; FILE holds the
+            constant transform body_from_cam, see `vioapr fuse --help`.
+        time_unit: Unit of the times of --vio and --gt; by default found from their values.
+        strict: Refuse what is otherwise localized with a warning, and write nothing.
         report: Folder to write an HTML page with tables and figures to; needs ground truth;
             an earlier report in it is replaced, other files stay.
         overwrite: Replace files that exist, also those that vioapr did not write; never one that is
@@ -70,12 +87,25 @@ def localize_(
         vioapr localize --model courtyard.onnx --out fused.csv \
             --recording courtyard/recordings/test-01
     """
-    frames = _read_frames(recording, images, vio, gt)
+    options = ImportOptions(poses=vio, poses_format=vio_format, time_unit=time_unit, strict=strict)
+    frames = _read_frames(recording, images, options)
+    if gt is not None:
+        read_options = ReadOptions(time_unit=time_unit, strict=strict)
+        frames = replace(frames, gt=read_track(gt, gt_format, read_options, "gt_format"))
     if report is not None and frames.gt is None:
         raise ParameterError("`report` needs ground truth: give `gt`")
     read = [model, vio, gt, *frames.files]
+    if vio_from_cam not in (None, AUTO):
+        read.append(Path(vio_from_cam))
     check_outputs([out, rrd], read, overwrite=overwrite)
     check_report(report, overwrite=overwrite)
+    if vio_from_cam is not None:
+        body_from_cam = _find_mount(vio_from_cam, model, threads, frames)
+        if images is None:
+            frames = replace(frames, vio_from_cam=frames.vio_from_cam @ body_from_cam)
+        else:  # which way is up in the tracker's world is found by the camera's poses
+            turned = frames_of_images(images, replace(options, vio_from_cam=body_from_cam))
+            frames = replace(turned, gt=frames.gt)
     localizer = OnnxLocalizer(model, threads=threads)
     watchers: list[viewing.BrowserView | viewing.RerunFile] = []
     if view:
@@ -90,6 +120,8 @@ def localize_(
             tick()
 
         walk = localize(localizer, frames, step)
+    given = str(vio or recording or images), str(gt) if gt else ""
+    warn_of_tracks(check_localized(walk, *given), strict=strict)
     write_fused_csv(out, walk.fused)
     say(f"{out}: {format_statuses(walk.fused)}")
     if frames.gt is not None:
@@ -98,20 +130,36 @@ def localize_(
         watch.finish()
 
 
-def _read_frames(
-    recording: Path | None, images: str | None, vio: Path | None, gt: Path | None
-) -> WalkFrames:
+def _read_frames(recording: Path | None, images: str | None, options: ImportOptions) -> WalkFrames:
+    vio = options.poses
     if recording is not None and images is None:
         if vio is not None:
             raise ParameterError("`vio` goes with `images`: a recording has poses of its own")
-        frames = frames_of_recording(recording)
-    elif images is not None and recording is None:
-        if vio is None:
-            raise ParameterError("`images` needs the tracker's poses: give `vio`")
-        frames = frames_of_images(images, vio)
-    else:
+        return frames_of_recording(recording)
+    if images is None or recording is not None:
         raise ParameterError("expected either `recording` or `images` with `vio`")
-    return frames if gt is None else replace(frames, gt=read_trajectory(gt))
+    if vio is None:
+        raise ParameterError("`images` needs the tracker's poses: give `vio`")
+    try:
+        frames = frames_of_images(images, options)
+    except FormatError as error:  # an import calls the same parameter otherwise
+        problem = error.problem.replace("`poses_format`", "`vio_format`")
+        raise FormatError(error.path, problem, error.line) from None
+    for finding in frames.findings:
+        warn(finding.text)
+    return frames
+
+
+def _find_mount(vio_from_cam: str, model: Path, threads: int | None, frames: WalkFrames) -> Rigid3:
+    """Read or estimate body_from_cam, and say it."""
+    if vio_from_cam != AUTO:
+        return read_body_from_cam(Path(vio_from_cam))
+    some = mount_frames(frames)
+    localizer = OnnxLocalizer(model, threads=threads)
+    with progress("finding how the camera is mounted", len(some)) as tick:
+        found = estimate_mount(localizer, some, lambda _: tick())
+    say(f"{frames.name}: {describe_mount(found)}")
+    return found.body_from_cam
 
 
 def compare(

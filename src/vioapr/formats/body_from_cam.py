@@ -162,13 +162,16 @@ def to_camera(vio: Trajectory, body_from_cam: Rigid3) -> Trajectory:
 
 
 def turn_to_camera(
-    vio: Trajectory, vio_from_cam: str, camera: Trajectory | None, tolerance_s: float
+    vio: Trajectory,
+    vio_from_cam: str | Rigid3,
+    camera: Trajectory | None,
+    tolerance_s: float = DEFAULT_TOLERANCE_S,
 ) -> tuple[Trajectory, str]:
     """Make a tracker's poses those of the camera, and say by which transform.
 
     Args:
         vio: vio_from_body.
-        vio_from_cam: "auto", or a file with body_from_cam; see `read_body_from_cam`.
+        vio_from_cam: "auto"; or body_from_cam, or a file that holds it, see `read_body_from_cam`.
         camera: world_from_cam of the same walk, to estimate it by; None where there is none.
         tolerance_s: Largest difference of paired timestamps, s.
 
@@ -180,17 +183,23 @@ def turn_to_camera(
         ParameterError: It is to be estimated, and there is nothing to estimate it by.
         AssociationError: The motion does not tell.
     """
-    if vio_from_cam != AUTO:
-        body_from_cam = read_body_from_cam(Path(vio_from_cam))
+    if isinstance(vio_from_cam, Rigid3) or vio_from_cam != AUTO:
+        is_known = isinstance(vio_from_cam, Rigid3)
+        body_from_cam = vio_from_cam if is_known else read_body_from_cam(Path(vio_from_cam))
         return to_camera(vio, body_from_cam), f"body_from_cam {describe_rotation(body_from_cam)}"
     if camera is None:
         raise ParameterError(
             "vio_from_cam: auto needs another track of the walk's camera: give a file instead"
         )
     found = estimate_body_from_cam(vio, camera, tolerance_s)
+    return to_camera(vio, found.body_from_cam), describe_mount(found)
+
+
+def describe_mount(found: HandEye) -> str:
+    """Say an estimated transform: rotation and lever arm, and how sure they are."""
     body_from_cam = found.body_from_cam
     if not quaternion.angle_rad(body_from_cam.quat_xyzw) > 0:
-        return to_camera(vio, body_from_cam), "the poses are the camera's already, nothing to turn"
+        return "the poses are the camera's already, nothing to turn"
     arm, sigma = (
         ", ".join(f"{each:.3f}" for each in values.tolist())
         for values in (body_from_cam.translation_m, found.arm_sigma_m)
@@ -198,5 +207,4 @@ def turn_to_camera(
     lever = f"lever arm ({arm}) ± ({sigma}) m"
     lever = lever if found.knows_arm else "lever arm not observable, taken as zero"
     sigma_deg = float(np.rad2deg(found.rotation_sigma_rad))
-    text = f"body_from_cam {describe_rotation(body_from_cam)}, ± {sigma_deg:.1f} deg; {lever}"
-    return to_camera(vio, body_from_cam), text
+    return f"body_from_cam {describe_rotation(body_from_cam)}, ± {sigma_deg:.1f} deg; {lever}"

@@ -72,6 +72,8 @@ class ImportOptions:
         poses_format: The format of `poses`; by default the one that it looks like.
         gt_format: That of `gt`.
         time_unit: Unit of the times in `poses` and `gt`; found by default.
+        vio_from_cam: For poses of a tracker's body: "auto" (by `gt`), or the constant transform
+            body_from_cam, or a file that holds it; see `formats.body_from_cam`.
         focal_px: The focal length, pixels of the images as they are, for sources without any or
             instead of theirs.
         metric: The poses are in metres, although the source does not show it.
@@ -92,6 +94,7 @@ class ImportOptions:
     metric: bool = False
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS
     strict: bool = False
+    vio_from_cam: str | Rigid3 | None = None
 
     def __post_init__(self) -> None:
         for name in ("rate_hz", "focal_px", "max_megapixels"):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.files.text import natural_key, require_folder
 from vioapr.formats.base import ReadOptions
+from vioapr.formats.body_from_cam import turn_to_camera
 from vioapr.formats.registry import read_with_notes
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
@@ -35,6 +36,7 @@ from vioapr.importers.diagnostics import turn_y_up
 from vioapr.importers.reading import Reading
 from vioapr.importers.transforms import Transforms
 from vioapr.importers.transforms_world import find_maker
+from vioapr.importers.walk_tracks import check_given_tracks
 from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory, nearest_rows
 
@@ -83,6 +85,12 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
     found = find_images(source)
     vio = read_track(options.poses, options.poses_format, "poses_format", options)
     gt = read_track(options.gt, options.gt_format, "gt_format", options)
+    turned = ""
+    if vio is not None and options.vio_from_cam is not None:
+        camera = None if gt is None else gt.track
+        poses_of_camera, turned = turn_to_camera(vio.track, options.vio_from_cam, camera)
+        turned_reading = Reading(poses_of_camera, vio.reading.left_out, vio.reading.notes)
+        vio = vio._replace(reading=turned_reading)
     tracks = [track for track in (vio, gt) if track is not None]
     times, clock = find_times(found, tracks, options.rate_hz)
     is_measured = not clock.startswith("no timestamps")
@@ -109,11 +117,16 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
     (walk.note if is_said else walk.warn)(f"time: {clock}")
     if vio is not None:
         vio.reading.say(walk)
+        if turned:
+            walk.note(f"{vio.path.name}: {turned}")
         add_poses(walk, found, vio, options)
     if gt is not None:
         gt.reading.say(walk)
         rows, of = pair_images(found, times, gt)
         walk.gt = timed_gt(gt.track.at_rows(of), times[rows])
+    if vio is not None and gt is not None:
+        given = (vio.path, vio.track), (gt.path, gt.track)
+        check_given_tracks(walk, *given, strict=options.strict)
     return walk
 
 
@@ -399,7 +412,10 @@ IMPORTER = Importer(
     layout="a folder of .jpg or .png; `poses` and `gt` name trajectory files of any format",
     read=read,
     uses=frozenset(
-        {"poses", "gt", "rate_hz", "tracker", "metric", "poses_format", "gt_format", "time_unit"}
+        {
+            *{"poses", "gt", "rate_hz", "tracker", "metric", "poses_format", "gt_format"},
+            *{"time_unit", "vio_from_cam"},
+        }
     ),
     takes_patterns=True,
 )

@@ -57,7 +57,8 @@ _ALIASES = {
 
 
 _SOME_USE = (
-    "tracker", "poses", "gt", "rate_hz", "metric", "poses_format", "gt_format", "time_unit"
+    "tracker", "poses", "gt", "rate_hz", "metric", "poses_format", "gt_format", "time_unit",
+    "vio_from_cam",
 )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.importers.base import ImportOptions
+from vioapr.importers.base import Finding, ImportOptions
 from vioapr.importers.images import IMPORTER as IMAGES
 from vioapr.runtime.localizer import Located, OnnxLocalizer
 from vioapr.scene.frames import Tracking
@@ -37,6 +37,7 @@ class WalkFrames:
         tracking_reset: Shape (n,), whether the tracking world is a new one.
         gt: Ground truth, or None.
         tables: Files that were read, beside images.
+        findings: Warnings of the reader.
     """
 
     name: str
@@ -46,6 +47,7 @@ class WalkFrames:
     tracking_reset: NDArray[np.bool_]
     gt: Trajectory | None = None
     tables: tuple[Path, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def files(self) -> list[Path]:
@@ -54,6 +56,21 @@ class WalkFrames:
 
     def __len__(self) -> int:
         return len(self.timestamp_s)
+
+    def at_rows(self, rows: NDArray[np.intp]) -> WalkFrames:
+        """Pick the frames of the given rows, which must be in increasing order."""
+        return replace(
+            self,
+            timestamp_s=self.timestamp_s[rows],
+            images=tuple(self.images[row] for row in rows.tolist()),
+            vio_from_cam=self.vio_from_cam.at(rows),
+            tracking_reset=self.tracking_reset[rows],
+        )
+
+    @property
+    def vio(self) -> Trajectory | None:
+        """The tracker's poses; None where it has none."""
+        return _known(self.timestamp_s, self.vio_from_cam, "vio")
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:
@@ -84,14 +101,14 @@ def frames_of_recording(folder: Path) -> WalkFrames:
     )
 
 
-def frames_of_images(images: str, vio: Path) -> WalkFrames:
+def frames_of_images(images: str, options: ImportOptions) -> WalkFrames:
     """Read images of one folder, and the tracker's poses from a trajectory file.
 
     Poses belong to images by name, else by timestamps in the images' names, else in order.
 
     Args:
         images: Their folder, or a pattern of their paths with wildcards.
-        vio: vio_from_cam, of any format that is read.
+        options: `poses` is the file of vio_from_cam, of any format that is read.
 
     Raises:
         FileError: No images, or none with a pose.
@@ -113,7 +130,7 @@ def frames_of_images(images: str, vio: Path) -> WalkFrames:
         raise ParameterError(f"images: expected images of one folder, got {len(folders)} folders")
     (walk,) = (
         walk
-        for scene in IMAGES.read(folders.pop(), ImportOptions(poses=vio, id="walk"))
+        for scene in IMAGES.read(folders.pop(), replace(options, id="walk"))
         for walk in scene.read()
     )
     chosen = {path.name for path in paths}
@@ -127,6 +144,7 @@ def frames_of_images(images: str, vio: Path) -> WalkFrames:
         tuple(sources[row] for row in rows),
         walk.vio_from_cam.at(rows),
         np.zeros(len(rows), dtype=bool),
+        findings=tuple(finding for finding in walk.findings if finding.is_warning),
     )
 
 
@@ -179,12 +197,28 @@ class LocalizedWalk:
             )
         )
 
+    @property
+    def predictions(self) -> Trajectory | None:
+        """The regressor's answers, world_from_cam; None where it has none."""
+        apr = rigid.stack([one.apr_world_from_cam for one in self.located])
+        return _known(self.frames.timestamp_s, apr, "world")
+
     def gt_world_from_cam(self, gt: Trajectory) -> Rigid3:
         """Ground truth of every frame, NaN where it has none."""
         return poses_of_frames(gt, self.frames.timestamp_s)
 
     def _column(self, name: str) -> NDArray[np.float64]:
         return np.array([getattr(one, name) for one in self.located])
+
+
+def _known(
+    timestamp_s: NDArray[np.float64], target_from_cam: Rigid3, target: str
+) -> Trajectory | None:
+    known = target_from_cam.is_known
+    if not known.any():
+        return None
+    position_m, quat_xyzw = target_from_cam.at(known)
+    return Trajectory.from_arrays(timestamp_s[known], position_m, quat_xyzw, target=target)
 
 
 def localize(
