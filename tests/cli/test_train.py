@@ -72,6 +72,7 @@ def test_from_training_to_evaluation(run, scene, tmp_path):
     names = {path.name for path in folder.iterdir()}
     assert names == {
         "regressor.safetensors", "regressor.json", "state.safetensors", "state.json", "tensorboard",
+        ".lock",
     }  # fmt: skip
     assert (scene.folder / ".cache" / "images-36" / "train-1.npy").exists()
     assert "2 epochs" in out

@@ -29,7 +29,10 @@ def advice_for(arguments: Sequence[str]) -> str:
 def describe_stop(stop: KeyboardInterrupt, arguments: Sequence[str]) -> str:
     """Say that the program was stopped, what is kept, and how to go on."""
     is_terminated = isinstance(stop, Stopped) and stop.signal_number != signal.SIGINT
-    known = stop.advice if isinstance(stop, Stopped) else ""
+    # Of verbs that only train among other work, the whole goes on otherwise.
+    known = ""
+    if isinstance(stop, Stopped) and arguments[:1] == ["train"]:
+        known = stop.advice.replace("`resume`", "--resume")
     advice = known or advice_for(arguments)
     return f"{'terminated' if is_terminated else 'interrupted'}: {advice}"
 

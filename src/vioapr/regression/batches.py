@@ -94,14 +94,22 @@ class BatchSource:
         """Batches in an epoch."""
         return batches_of_epoch(len(self._samples), self._batch_size).count
 
-    def epoch(self, number: int) -> Iterator[Batch]:
-        """Yield the batches of an epoch: this process's part of each."""
+    def epoch(self, number: int, first: int = 0) -> Iterator[Batch]:
+        """Yield the batches of an epoch: this process's part of each.
+
+        Args:
+            number: Of the epoch.
+            first: Batches before this one are left out; those after it are the same.
+        """
         generator = torch.Generator().manual_seed(self._seed * 1_000_003 + number)
         with ThreadPoolExecutor(1) as pool:
             pending: deque[tuple[NDArray[np.int64], Draw, Future[Tensor]]] = deque()
-            for index in epoch_order(len(self._samples), self._batch_size, self._seed, number):
+            order = epoch_order(len(self._samples), self._batch_size, self._seed, number)
+            for batch, index in enumerate(order):
                 # Drawn for the whole batch: one process gets what all together would.
                 drawn = draw(len(index), generator)
+                if batch < first:
+                    continue
                 rows = self._own(len(index))
                 own = index[rows]
                 pending.append((own, drawn.part(rows), pool.submit(self._images, own)))

@@ -5,6 +5,7 @@ The one file is either old or new, never half of each; a copy of the header lies
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,13 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from vioapr.errors import FileMissingError, FormatError, ParameterError, UnwritableError
+from vioapr.errors import (
+    DiskFullError,
+    FileMissingError,
+    FormatError,
+    ParameterError,
+    UnwritableError,
+)
 from vioapr.files.atomic import replacing, write_atomically
 from vioapr.regression.networks import PoseNetwork, build
 from vioapr.schemas.base import Document, DocumentType, decode, encode
@@ -94,7 +101,9 @@ def save_tensors(path: Path, tensors: dict[str, Tensor], header: Document) -> No
         with replacing(path) as partial:
             save_file(owned, partial, metadata={_HEADER: encode(header, indent=None)})
     except SafetensorError as error:  # of the system, as the library reports it
-        raise UnwritableError(path, f"cannot be written: {error}") from None
+        is_full = f"os error {errno.ENOSPC}" in str(error)
+        kind = DiskFullError if is_full else UnwritableError
+        raise kind(path, f"cannot be written: {error}") from None
     write_atomically(note_of(path), encode(header, indent=1).encode())
 
 

@@ -159,6 +159,9 @@ class TrainingParams:
     """Processes, each with a GPU, or each with its share of the processor."""
     nodes: int = 1
     """Machines, each with `devices` devices."""
+    checkpoint_minutes: float = 5.0
+    """Minutes between checkpoints within an epoch; the first comes within one. They do not change
+    the result."""
     augmentation: AugmentationParams = field(default_factory=AugmentationParams)
     loss: LossParams = field(default_factory=LossParams)
     eps: float = 1e-8
@@ -173,6 +176,10 @@ class TrainingParams:
             raise ParameterError(f"lr: expected a number above 0, got {self.lr}")
         if not 0 <= self.weight_decay < math.inf:
             raise ParameterError(f"weight_decay: expected at least 0, got {self.weight_decay}")
+        if not 0 <= self.checkpoint_minutes < math.inf:
+            raise ParameterError(
+                f"checkpoint_minutes: expected at least 0, got {self.checkpoint_minutes}"
+            )
         if not 0 < self.eps < 1:
             raise ParameterError(f"eps: expected above 0 and below 1, got {self.eps}")
         if self.patience and self.position_stage.position_epochs:

@@ -16,7 +16,7 @@ from vioapr.regression.networks import PoseNetwork, build
 from vioapr.regression.params import TrainingParams
 from vioapr.regression.watch import Watch
 from vioapr.scene.scene import Scene
-from vioapr.schemas.regressor import STATE_FILE, RegressorSpec
+from vioapr.schemas.regressor import REGRESSOR_FILE, STATE_FILE, RegressorSpec
 
 
 class Run(NamedTuple):
@@ -138,6 +138,12 @@ def check_run(run: Run, *, resume: bool) -> None:
         TrainingError: Images are to be turned whose intrinsics are not known.
     """
     state = run.folder / STATE_FILE
+    regressor = run.folder / REGRESSOR_FILE
+    if regressor.exists() and not state.exists() and not resume:
+        raise ParameterError(
+            f"{run.folder}: expected a folder without a regressor, found {REGRESSOR_FILE} and no "
+            "state to go on from: another folder begins a new run"
+        )
     if state.exists() and not resume:
         raise ParameterError(
             f"{run.folder}: expected a folder without a training run, found {STATE_FILE}: "

@@ -1,4 +1,4 @@
-"""The state of a training after every epoch: journal, weights and optimizer, in one file.
+"""The state of a training, after every epoch and within: journal, weights, optimizer, in one file.
 
 An interrupted training goes on from it. TensorBoard shows the journal.
 """
@@ -9,18 +9,27 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from torch import Tensor
 from torch.optim import Optimizer
 
-from vioapr.errors import ParameterError
+from vioapr.errors import FormatError, ParameterError, UnwritableError
+from vioapr.files.atomic import write_atomically
 from vioapr.regression.checkpoint import load_tensors, save_tensors
+from vioapr.regression.checkpointing import is_first_process
 from vioapr.regression.losses import Learner
 from vioapr.regression.params import TrainingParams
 from vioapr.regression.run import Run
-from vioapr.schemas.base import to_plain
-from vioapr.schemas.regressor import STATE_FILE, EpochRecord, RunIdentity, StateHeader
+from vioapr.schemas.base import encode, to_plain
+from vioapr.schemas.regressor import (
+    STATE_FILE,
+    BegunEpoch,
+    EpochRecord,
+    RunIdentity,
+    StateHeader,
+    note_of,
+)
 from vioapr.work.steps import describe_changes
 
 if TYPE_CHECKING:
@@ -31,8 +40,27 @@ TENSORBOARD_FOLDER = "tensorboard"
 OptimizerStates = dict[int, dict[str, Tensor]]
 """Of parameters by their numbers."""
 
-NOT_OF_THE_RESULT = {"devices", "nodes", "compile", "patience"}
+NOT_OF_THE_RESULT = {"devices", "nodes", "compile", "patience", "checkpoint_minutes"}
 """Parameters that may be others when a run is resumed."""
+
+
+@dataclass(eq=False)
+class EpochProgress:
+    """How far an epoch has come.
+
+    Attributes:
+        total: Sum of the losses of its steps, a scalar.
+        random: See `checkpointing.random_states`; None before the first step.
+        steps: Batches that were learned from.
+        images: In these.
+        seconds: How long they took.
+    """
+
+    total: Tensor
+    random: Tensor | None = None
+    steps: int = 0
+    images: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(eq=False)
@@ -86,8 +114,11 @@ class Journal:
         try:
             yield
         finally:
-            self._writer.close()
-            self._writer = None
+            writer, self._writer = self._writer, None
+            try:
+                writer.close()
+            except OSError as error:
+                raise UnwritableError.of(folder / TENSORBOARD_FOLDER, error) from None
 
 
 def identity_of(run: Run) -> RunIdentity:
@@ -97,8 +128,14 @@ def identity_of(run: Run) -> RunIdentity:
     return RunIdentity(spec=run.spec, params=decisive, samples=run.samples.fingerprint)
 
 
-def save_state(run: Run, learner: Learner, optimizer: Optimizer, journal: Journal) -> None:
-    """Write all that is needed to go on after the last epoch.
+def save_state(
+    run: Run,
+    learner: Learner,
+    optimizer: Optimizer,
+    journal: Journal,
+    progress: EpochProgress | None = None,
+) -> None:
+    """Write all that is needed to go on after the last epoch, or within the one that is begun.
 
     Raises:
         UnwritableError: It cannot be written; what was there stays.
@@ -106,15 +143,34 @@ def save_state(run: Run, learner: Learner, optimizer: Optimizer, journal: Journa
     tensors = {f"learner.{name}": value for name, value in learner.state_dict().items()}
     for number, state in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{number}.{name}": value for name, value in state.items()}
-    header = StateHeader(run=identity_of(run), epochs=tuple(journal.epochs))
+    begun = None
+    if progress is not None:
+        assert progress.random is not None  # it has had a step
+        tensors |= {"progress.total": progress.total, "progress.random": progress.random}
+        begun = BegunEpoch(progress.steps, progress.images, progress.seconds)
+    header = StateHeader(run=identity_of(run), epochs=tuple(journal.epochs), begun=begun)
     save_tensors(run.folder / STATE_FILE, tensors, header)
 
 
-def restore_state(run: Run, learner: Learner) -> tuple[Journal, OptimizerStates]:
+class RestoredState(NamedTuple):
+    """The state of a training, but for the learner's.
+
+    Attributes:
+        journal: So far.
+        optimizer: The optimizer's.
+        progress: Of the epoch that was begun, if one was.
+    """
+
+    journal: Journal
+    optimizer: OptimizerStates
+    progress: EpochProgress | None = None
+
+
+def restore_state(run: Run, learner: Learner) -> RestoredState:
     """Set a learner to the state in the run's folder.
 
     Returns:
-        The journal so far, and the state of the optimizer.
+        The rest of the state.
 
     Raises:
         FileMissingError: There is no state.
@@ -148,4 +204,15 @@ def restore_state(run: Run, learner: Learner) -> tuple[Journal, OptimizerStates]
         if name.startswith("optimizer."):
             _, number, key = name.split(".", 2)
             states.setdefault(int(number), {})[key] = value
-    return Journal(list(header.epochs)), states
+    progress = None
+    if header.begun is not None:
+        try:
+            kept = tensors["progress.total"], tensors["progress.random"]
+        except KeyError as error:
+            raise FormatError(path, f"expected the state of a begun epoch, lacks {error}") from None
+        begun = header.begun
+        progress = EpochProgress(*kept, begun.steps, begun.images, begun.seconds)
+    # Killed between the two files, the copy of the header would be older.
+    if is_first_process():
+        write_atomically(note_of(path), encode(header, indent=1).encode())
+    return RestoredState(Journal(list(header.epochs)), states, progress)

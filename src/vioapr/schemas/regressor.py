@@ -134,15 +134,31 @@ class RunIdentity(Record, frozen=True):
     samples: str
 
 
+class BegunEpoch(Record, frozen=True):
+    """How far an epoch has come of which a state was kept.
+
+    Attributes:
+        steps: Batches that were learned from.
+        images: In these.
+        seconds: How long they took.
+    """
+
+    steps: int
+    images: int
+    seconds: float
+
+
 class StateHeader(Document, frozen=True, kw_only=True):
-    """The header of the state after an epoch.
+    """The header of a training's state, after an epoch or within one.
 
     Attributes:
         run: Whose state.
-        epochs: All epochs so far.
+        epochs: All finished epochs so far.
+        begun: The epoch after them, if it was begun.
     """
 
     FORMAT: ClassVar[str] = "vioapr training state"
 
     run: RunIdentity
     epochs: tuple[EpochRecord, ...] = ()
+    begun: BegunEpoch | None = None
