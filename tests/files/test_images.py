@@ -18,7 +18,7 @@ def encode(width, height, **options):
 
 
 def exif(size):
-    """Metadata of so many bytes, as a thumbnail would be."""
+    """Metadata of a given size, as a thumbnail would be."""
     data = Image.Exif()
     data[0x010E] = "x" * size
     return data

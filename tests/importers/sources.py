@@ -115,7 +115,7 @@ def make_images(folder: Path, count: int = COUNT) -> Path:
 
 
 def read_walks(importer, source: Path, **options) -> list[Walk]:
-    """All walks of a source, judged."""
+    """All walks of a source, with what was found out."""
     scenes: list[ImportedScene] = importer.read(source, ImportOptions(**options))
     walks = [walk for scene in scenes for walk in scene.read()]
     for one in walks:

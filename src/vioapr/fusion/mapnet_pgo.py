@@ -56,7 +56,7 @@ class MapnetPgoParams:
     """Standard deviation of VIO's turn between predictions per axis, deg."""
     iterations: Annotated[int, tyro.conf.arg(name="mapnet-iterations")] = 5
     """Gauss-Newton iterations a frame; from the last frame's poses, 5 come within 1e-9 m of the
-    optimum (the authors' program starts anew from the predictions and takes 10)."""
+    optimum (the authors' program starts again from the predictions and takes 10)."""
 
     def __post_init__(self) -> None:
         for name in ("prior_sigma_m", "prior_sigma_deg", "between_sigma_m", "between_sigma_deg"):

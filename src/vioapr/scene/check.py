@@ -96,7 +96,7 @@ def check_scene(
     Args:
         folder: The scene.
         decode: Decode every image.
-        tick: Called with a number of frames after every so many, for progress.
+        tick: Called with a number of frames now and then, for progress.
 
     Raises:
         FormatError: There is no scene, or its `scene.toml` is broken.

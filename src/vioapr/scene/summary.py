@@ -130,7 +130,7 @@ def summarize_scene(scene: Scene, tick: Callable[[int], object] | None = None) -
 
     Args:
         scene: What to sum up.
-        tick: Called with a number of frames after every so many, for progress.
+        tick: Called with a number of frames now and then, for progress.
 
     Raises:
         FormatError: A recording cannot be opened at all.
