@@ -84,6 +84,23 @@ def test_by_timestamps_in_names(scale, digits, tmp_path):
     assert "poses: 7 of 20 frames have none" in texts(found, warnings=True)
 
 
+def test_numbers_of_frames_are_no_times(tmp_path):
+    """000000.png to 000019.png count frames: a trajectory from 0 s on does not mean seconds."""
+    write_images(tmp_path / "images", [f"{5 * k:06d}.png" for k in range(COUNT)])
+    (found,) = read_walks(IMPORTER, tmp_path / "images")
+    assert found.info.clock == "frame-rate"
+    assert "no timestamps: counted at 1 Hz" in texts(found, warnings=True)
+    tum.write(tmp_path / "vio.tum", walk())
+    (found,) = read_walks(IMPORTER, tmp_path / "images", poses=tmp_path / "vio.tum")
+    np.testing.assert_allclose(found.timestamp_s, walk().timestamp_s)
+    assert found.vio_from_cam.is_known.all()
+    tum.write(tmp_path / "long.tum", walk(COUNT + 1))
+    with pytest.raises(FormatError, match="give `rate_hz`, or a trajectory with names"):
+        read_walks(IMPORTER, tmp_path / "images", poses=tmp_path / "long.tum")
+    (found,) = read_walks(IMPORTER, tmp_path / "images", time_unit="ms")
+    assert found.timestamp_s[1] == 0.005
+
+
 def test_poses_of_no_image_are_counted(source):
     names = [f"frame-{k:04d}.jpg" for k in range(5, COUNT + 5)]
     FORMATS["hloc"].write(source / "vio.txt", named(walk(), names))

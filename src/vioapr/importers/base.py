@@ -129,6 +129,7 @@ class Walk:
         intrinsics: Numbers, or shapes (n,).
         gt: world_from_cam of some of the frames, with their timestamps, or None.
         up: Why y should be up in the tracker's world.
+        is_thinned: Whether only some frames have an image, as the app has it.
         imu: Or None.
         gnss: Or None.
         heading: Or None.
@@ -147,6 +148,7 @@ class Walk:
     intrinsics: Intrinsics = field(default_factory=Intrinsics)
     gt: Trajectory | None = None
     up: Up = "unknown"
+    is_thinned: bool = False
     imu: Imu | None = None
     gnss: Gnss | None = None
     heading: Heading | None = None

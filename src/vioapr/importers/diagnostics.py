@@ -54,7 +54,8 @@ def diagnose(walk: Walk) -> None:
     note_counts(walk, images)
     if walk.info.has_images and images < len(walk):
         missing = [row for row, name in enumerate(walk.image_names) if not name]
-        walk.warn(f"images: {len(missing)} frames have none, the first is frame {missing[0] + 1}")
+        text = f"images: {len(missing)} frames have none, the first is frame {missing[0] + 1}"
+        (walk.note if walk.is_thinned else walk.warn)(text)
     if walk.info.tracker and len(rows) == 0:
         walk.warn("tracking was lost throughout: no frame has a pose")
     elif walk.info.tracker and len(rows) < len(walk):

@@ -43,7 +43,9 @@ def read_scanner_app_walk(source: Path, options: ImportOptions) -> Walk:
     """
     if not find_scanner_app(source):
         raise FormatError(source, "expected frame_00000.json and so on, found none")
-    return build_walk(source, source, read_scanner_app(source), _SCANNER_APP, options)
+    walk = build_walk(source, source, read_scanner_app(source), _SCANNER_APP, options)
+    walk.is_thinned = True
+    return walk
 
 
 def read_polycam_walk(source: Path, options: ImportOptions) -> Walk:

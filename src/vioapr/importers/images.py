@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.text import natural_key, require_folder
-from vioapr.formats.base import ReadOptions
+from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.body_from_cam import turn_to_camera
 from vioapr.formats.registry import read_with_notes
+from vioapr.formats.times import PER_SECOND, find_time_unit
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
     ImportedScene,
@@ -42,6 +43,8 @@ from vioapr.trajectory import Trajectory, nearest_rows
 
 _DEFAULT_RATE_HZ = 1.0
 _MAX_LISTED = 5
+_LEAST_TIME = 1e8
+"""Smaller whole numbers in names count frames."""
 _OTHER_ENDINGS = (
     ".heic", ".heif", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".pgm", ".ppm", ".avif", ".dng",
     ".exr", ".jxl",
@@ -92,7 +95,7 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         turned_reading = Reading(poses_of_camera, vio.reading.left_out, vio.reading.notes)
         vio = vio._replace(reading=turned_reading)
     tracks = [track for track in (vio, gt) if track is not None]
-    times, clock = find_times(found, tracks, options.rate_hz)
+    times, clock = find_times(found, tracks, options.rate_hz, options.time_unit)
     is_measured = not clock.startswith("no timestamps")
     count = len(found.names)
     poses = Rigid3.unknown((count,))
@@ -269,7 +272,10 @@ def find_no_scale(vio: Track) -> str | None:
 
 
 def find_times(
-    found: ImageFiles, tracks: list[Track], rate_hz: float | None
+    found: ImageFiles,
+    tracks: list[Track],
+    rate_hz: float | None,
+    unit: TimeUnit | None = None,
 ) -> tuple[NDArray[np.float64], str]:
     """When each image was taken, and how that is known.
 
@@ -277,6 +283,7 @@ def find_times(
         found: The images.
         tracks: Trajectories of the same walk, the one to trust most first.
         rate_hz: Frames per second, if the user says so.
+        unit: Of times in names, if the user says so.
 
     Raises:
         FormatError: Neither names nor trajectories tell.
@@ -284,7 +291,7 @@ def find_times(
     names = found.names
     if rate_hz is not None:
         return np.arange(len(names)) / rate_hz, f"no timestamps: {rate_hz:g} Hz"
-    stamps = timestamps_of_names(names)
+    stamps = timestamps_of_names(names, unit)
     timed = [track for track in tracks if track.track.is_timed]
     if stamps is not None:
         known_s = timed[0].track.timestamp_s if timed else stamps
@@ -310,19 +317,31 @@ def find_times(
     return np.arange(len(names)) / rate_hz, f"no timestamps: counted at {rate_hz:g} Hz"
 
 
-def timestamps_of_names(names: list[str]) -> NDArray[np.float64] | None:
-    """Seconds from names as 1305031102.175304.png, or in milli-, micro- or nanoseconds."""
+def timestamps_of_names(
+    names: list[str], unit: TimeUnit | None = None
+) -> NDArray[np.float64] | None:
+    """Seconds from names as 1305031102.175304.png; None if names are none of times.
+
+    Whole numbers are times in the unit that their size or their steps show, unless they are
+    small: then they count frames.
+
+    Args:
+        names: Of the images, in order.
+        unit: Of whole numbers, if the user says so.
+    """
+    stems = [_stem(_last(name)) for name in names]
     try:
-        values = np.array([float(_stem(_last(name))) for name in names])
+        values = np.array([float(stem) for stem in stems])
     except ValueError:
         return None
     if not np.isfinite(values).all() or (np.diff(values) <= 0).any():
         return None
-    # Of the years since 2001, counted from 1970.
-    for scale, least in ((1e9, 1e18), (1e6, 1e15), (1e3, 1e12)):
-        if values[0] >= least:
-            return np.array([int(_stem(_last(name)).split(".")[0]) / scale for name in names])
-    return values
+    if not all(stem.isdecimal() for stem in stems):
+        return values
+    if unit is None and values[-1] < _LEAST_TIME:
+        return None
+    per_second = PER_SECOND[unit or find_time_unit(values).unit]
+    return np.array([int(stem) / per_second for stem in stems])
 
 
 def _last(name: str) -> str:

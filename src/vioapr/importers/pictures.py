@@ -150,7 +150,7 @@ class PictureReader:
             return Picture(None, None, probe.problem)
         if probe.megapixels > self._max_megapixels:
             problem = (
-                f"{probe.megapixels:.0f} megapixels, and images up to {self._max_megapixels:g} are "
+                f"{probe.megapixels:.3g} megapixels, and images up to {self._max_megapixels:g} are "
                 "imported: scale it down, or raise `max_megapixels`"
             )
             return Picture(None, None, problem)
