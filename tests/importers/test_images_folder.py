@@ -101,6 +101,23 @@ def test_numbers_of_frames_are_no_times(tmp_path):
     assert found.timestamp_s[1] == 0.005
 
 
+def test_by_timestamps_after_the_videos_number(tmp_path):
+    """ARKitScenes: pictures and poses have a clock in common, and nothing else."""
+    times = 306.508 + walk().timestamp_s
+    write_images(tmp_path / "images", [f"41069021_{t:.3f}.png" for t in times[::2]])
+    vio = Trajectory(times, *walk().target_from_source)
+    FORMATS["arkitscenes"].write(tmp_path / "lowres_wide.traj", vio)
+    (found,) = read_walks(IMPORTER, tmp_path / "images", poses=tmp_path / "lowres_wide.traj")
+    np.testing.assert_allclose(found.timestamp_s, times[::2], atol=1e-3)
+    assert np.isfinite(found.vio_from_cam.translation_m).all()
+
+
+def test_numbers_with_underscores_are_no_times(tmp_path):
+    write_images(tmp_path / "images", [f"2024_{k:04d}.png" for k in range(COUNT)])
+    (found,) = read_walks(IMPORTER, tmp_path / "images", rate_hz=None)
+    assert found.timestamp_s[:3].tolist() == [0, 1, 2]
+
+
 def test_poses_of_no_image_are_counted(source):
     names = [f"frame-{k:04d}.jpg" for k in range(5, COUNT + 5)]
     FORMATS["hloc"].write(source / "vio.txt", named(walk(), names))

@@ -323,13 +323,14 @@ def timestamps_of_names(
     """Seconds from names as 1305031102.175304.png; None if names are none of times.
 
     Whole numbers are times in the unit that their size or their steps show, unless they are
-    small: then they count frames.
+    small: then they count frames. In names as ARKitScenes' 41069021_306.508.png, the time comes
+    after the video's number.
 
     Args:
         names: Of the images, in order.
         unit: Of whole numbers, if the user says so.
     """
-    stems = [_stem(_last(name)) for name in names]
+    stems = [_time_text(name) for name in names]
     try:
         values = np.array([float(stem) for stem in stems])
     except ValueError:
@@ -342,6 +343,14 @@ def timestamps_of_names(
         return None
     per_second = PER_SECOND[unit or find_time_unit(values).unit]
     return np.array([int(stem) / per_second for stem in stems])
+
+
+def _time_text(name: str) -> str:
+    """What an image's name has as its time; nothing where it has an underscore besides."""
+    stem = _stem(_last(name))
+    video, _, time = stem.rpartition("_")
+    text = time if video.isdecimal() and "." in time else stem
+    return "" if "_" in text else text  # Python would read 1_2 as 12
 
 
 def _last(name: str) -> str:
