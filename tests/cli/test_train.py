@@ -72,7 +72,6 @@ def test_from_training_to_evaluation(run, scene, tmp_path):
     names = {path.name for path in folder.iterdir()}
     assert names == {
         "regressor.safetensors", "regressor.json", "state.safetensors", "state.json", "tensorboard",
-        ".lock",
     }  # fmt: skip
     assert (scene.folder / ".cache" / "images-36" / "train-1.npy").exists()
     assert "2 epochs" in out
@@ -89,7 +88,7 @@ def test_from_training_to_evaluation(run, scene, tmp_path):
     walks = scene.folder / "walks" / "test"
     assert f"vioapr evaluate {walks}" in out
     for id_ in ("test-1", "test-2"):
-        assert {path.name for path in (walks / id_).iterdir()} == {
+        assert {path.name for path in (walks / id_).glob("[!.]*")} == {
             "apr_mobile.tum", "apr_mobile.sigma.csv", "gt.tum", "vio_arkit.tum",
         }  # fmt: skip
         poses = read_trajectory(walks / id_ / "apr_mobile.tum")
@@ -119,7 +118,7 @@ def test_recordings_without_ground_truth_or_vio(run, scene, regressor, tmp_path)
     scene.gt_path("test-1").unlink()
     code, out, err = run("predict", scene.folder, "--model", regressor, "--out", tmp_path / "out")
     assert code == 0, err
-    assert {path.name for path in (tmp_path / "out" / "test-1").iterdir()} == {
+    assert {path.name for path in (tmp_path / "out" / "test-1").glob("[!.]*")} == {
         "apr_mobile.tum", "apr_mobile.sigma.csv", "vio_arkit.tum",
     }  # fmt: skip
     assert "vioapr evaluate" not in out
@@ -282,3 +281,50 @@ def test_predictions_of_before_stay_where_new_ones_fail(run, fails, scene, regre
     (scene.recording_folder("test-1") / "images" / "000.png").unlink()
     assert "found no file of this name" in fails(*arguments)
     assert content_of(tmp_path / "out") == before
+
+
+def test_predictions_are_kept_and_another_models_are_not_replaced(
+    run, fails, scene, regressor, tmp_path
+):
+    out = tmp_path / "out"
+    arguments = ("predict", scene.folder, "--out", out, "--model")
+    assert run(*arguments, regressor)[0] == 0
+    before = content_of(out)
+    path = out / "test-2" / "apr_mobile.tum"
+    expected = path.read_bytes()
+    path.unlink()  # as if it had been killed before the second recording
+    code, text, err = run(*arguments, regressor)
+    assert code == 0, err
+    assert "test-1: predicted before by this model, kept" in text
+    assert "test-2: predicted" not in text
+    assert path.read_bytes() == expected
+    torch.manual_seed(1)
+    other = tmp_path / "other.safetensors"
+    save_regressor(other, build(spec()), spec())
+    line = fails(*arguments, other)
+    assert "apr_mobile.tum: exists, by another regressor: choose another --name" in line
+    assert "or give --overwrite" in line
+    assert {k: v for k, v in content_of(out).items() if k in before}.keys() == before.keys()
+    assert path.read_bytes() == expected
+    assert run(*arguments, other, "--overwrite")[0] == 0
+    assert path.read_bytes() != expected
+    path.write_text("# mine\n")
+    line = fails(*arguments, other)
+    assert "apr_mobile.tum: exists, and vioapr did not write it" in line
+    assert path.read_text() == "# mine\n"
+
+
+def test_ground_truth_beside_predictions_follows_the_scene_but_not_over_the_users(
+    run, fails, scene, regressor, tmp_path
+):
+    out = tmp_path / "out"
+    arguments = ("predict", scene.folder, "--out", out, "--model", regressor)
+    assert run(*arguments)[0] == 0
+    path = out / "test-1" / "gt.tum"
+    gt = scene.gt("test-1")
+    scene.write_gt("test-1", gt.at_rows(np.arange(5)))
+    assert run(*arguments)[0] == 0
+    assert len(read_trajectory(path)) == 5
+    path.write_text("0 0 0 0 0 0 0 1\n")
+    assert "gt.tum: exists, and vioapr did not write it" in fails(*arguments)
+    assert path.read_text() == "0 0 0 0 0 0 0 1\n"

@@ -10,7 +10,9 @@ import tyro
 from vioapr.cli.console import progress, say
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
+from vioapr.scene.gt_origin import digest_of
 from vioapr.scene.scene import Scene
+from vioapr.schemas.regressor import REGRESSOR_FILE
 
 
 def predict(
@@ -20,11 +22,13 @@ def predict(
     out: Path | None = None,
     name: str | None = None,
     batch_size: int = 32,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Predict the poses of recordings and put them where `vioapr evaluate` finds them.
 
     Writes OUT/RECORDING/apr_NAME.tum with apr_NAME.sigma.csv, and beside them the recording's
-    ground truth and VIO.
+    ground truth and VIO. Predictions that are there by the same model of the same images are kept,
+    so a run that was stopped goes on.
 
     Args:
         scene: The scene's folder.
@@ -33,6 +37,8 @@ def predict(
         out: Folder to write to; by default SCENE/walks/SPLIT.
         name: Of the predictions' file; by default the model's.
         batch_size: Images at once.
+        overwrite: Replace predictions of the same name by another model, and files that vioapr did
+            not write.
 
     Example:
         vioapr predict courtyard --model courtyard/models/posenet
@@ -52,9 +58,14 @@ def predict(
     has_all = True
     with progress("predicting", images) as tick:
         for walk in predict_walks(
-            regressor, opened, ids, folder, label, batch_size=batch_size, tick=tick
-        ):
+            regressor, opened, ids, folder, label,
+            digest=digest_of(model / REGRESSOR_FILE if model.is_dir() else model),
+            overwrite=overwrite, batch_size=batch_size, tick=tick,
+        ):  # fmt: skip
             has_all &= walk.can_be_evaluated
+            if walk.is_kept:
+                say(f"{walk.id}: predicted before by this model, kept")
+                continue
             if len(known) > 1 and opened.name in known:
                 share = 100 * float((walk.scene == known.index(opened.name)).mean())
                 say(f"{walk.id}: {share:.1f} % of images taken for {opened.name!r}")

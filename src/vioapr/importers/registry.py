@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,10 +21,26 @@ from vioapr.importers import (
     sevenscenes,
     stray,
 )
-from vioapr.importers.base import Finding, Importer, ImportOptions, Place, is_pattern
+from vioapr.importers.base import (
+    Finding,
+    ImportedScene,
+    Importer,
+    ImportOptions,
+    Place,
+    is_pattern,
+)
 from vioapr.importers.diagnostics import diagnose
-from vioapr.importers.write import WriteSettings, open_or_create, write_recording
+from vioapr.importers.write import (
+    WriteSettings,
+    check_target,
+    is_imported,
+    open_or_create,
+    write_recording,
+)
+from vioapr.schemas.written import ImportedFrom
+from vioapr.work.locks import locked_folder
 from vioapr.work.progress import Progress
+from vioapr.work.steps import fingerprint
 
 IMPORTERS: dict[str, Importer] = {
     importer.name: importer
@@ -105,7 +122,7 @@ def import_source(
     """Import all of a source's recordings, one after the other.
 
     A source of several scenes makes a folder in `out` for each. Whatever fails, the recordings
-    before are whole and entered.
+    before are whole and entered; the same import, run again, passes over them.
 
     Args:
         importer: Of the source's kind.
@@ -117,6 +134,7 @@ def import_source(
         progress: Opened once a recording.
 
     Raises:
+        LockedError: Another process imports into the scene.
         VioAprError: The source is not what it should be, or cannot be written.
     """
     for name in _SOME_USE:
@@ -124,14 +142,39 @@ def import_source(
             raise ParameterError(f"`{name}` has no meaning for {importer.name}")
     if not source.exists() and not (importer.takes_patterns and is_pattern(source)):
         raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
-    settings = WriteSettings(link, options.focal_px, options.strict, options.max_megapixels)
+    made_from = fingerprint(importer.name, str(source.resolve()), repr(options))
+    noted = ImportedFrom(importer=importer.name, made_from=made_from)
+    settings = WriteSettings(link, options.focal_px, options.strict, options.max_megapixels, noted)
     scenes = importer.read(source, options)
     for imported in scenes:
-        scene = None
+        folder = out / imported.name if len(scenes) > 1 else out
+        yield from _import_scene(imported, folder, settings, place, progress)
+
+
+def _import_scene(
+    imported: ImportedScene,
+    folder: Path,
+    settings: WriteSettings,
+    place: Place | None,
+    progress: Progress,
+) -> Iterator[Imported]:
+    """Import the recordings of one scene; see `import_source`."""
+    scene = None
+    with ExitStack() as held:
         for walk in imported.read():
             if scene is None:
-                folder = out / imported.name if len(scenes) > 1 else out
+                check_target(folder, imported, place)
+                held.enter_context(locked_folder(folder))
                 scene = open_or_create(folder, imported, place)
+            if settings.imported_from and is_imported(scene, walk.id, settings.imported_from):
+                split = next((name for name, ids in scene.splits.items() if walk.id in ids), None)
+                yield Imported(
+                    folder=scene.recording_folder(walk.id),
+                    split=split,
+                    is_excluded=walk.id in scene.excluded,
+                    findings=(Finding("imported before, by the same import: kept as it is"),),
+                )
+                continue
             diagnose(walk)
             with progress(f"importing {walk.id}", len(walk)) as tick:
                 scene = write_recording(scene, walk, settings, tick=tick)

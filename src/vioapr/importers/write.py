@@ -20,8 +20,8 @@ from vioapr.errors import (
     UnwritableError,
     VioAprError,
 )
-from vioapr.files.atomic import leftovers_beside, partial_beside
-from vioapr.files.text import read_bytes, write_bytes
+from vioapr.files.atomic import leftovers_beside, partial_beside, sync, sync_folder
+from vioapr.files.text import read_bytes, write_bytes, write_text
 from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, Image, ImportedScene, Place, Walk
 from vioapr.importers.diagnostics import diagnose_images
 from vioapr.importers.fitting import CameraFitter, drop_impossible_intrinsics, sizes_of
@@ -30,7 +30,12 @@ from vioapr.scene.frames import Frames
 from vioapr.scene.gt_origin import remove_gt_file
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.base import decode, encode
+from vioapr.schemas.written import ImportedFrom
+from vioapr.work.locks import LOCK_FILE
 from vioapr.work.progress import Advance, ignore
+
+IMPORT_FILE = ".import.json"
 
 _BLOCK_FRAMES = 256
 _DIVERGING = "the tracker is diverging"
@@ -45,12 +50,39 @@ class WriteSettings:
         focal_px: Focal length, pixels of the images as they are, in place of the source's.
         strict: Refuse walks of which there is something to warn.
         max_megapixels: The largest image to take.
+        imported_from: Is noted with the recording, so that the same import can be run again.
     """
 
     link: bool = False
     focal_px: float | None = None
     strict: bool = False
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS
+    imported_from: ImportedFrom | None = None
+
+
+def check_target(folder: Path, imported: ImportedScene, place: Place | None) -> Place | None:
+    """See that a scene can be opened or made in a folder.
+
+    Returns:
+        Where a new one is; None for one that is there.
+
+    Raises:
+        ParameterError: It is new, and nobody said whether it is outdoors.
+        FormatError: The folder holds something else.
+    """
+    if (folder / SCENE_FILE).exists():
+        return None
+    is_free = folder.is_dir() and all(path.name == LOCK_FILE for path in folder.iterdir())
+    if folder.exists() and not is_free:
+        found = "other files" if folder.is_dir() else "a file"
+        raise FormatError(folder, f"expected a scene or a new folder, found {found}")
+    chosen = place or imported.place
+    if chosen is None:
+        raise ParameterError(
+            f"{folder} is a new scene and the source does not say where: give `place`: outdoor "
+            "or indoor"
+        )
+    return chosen
 
 
 def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -> Scene:
@@ -60,17 +92,9 @@ def open_or_create(folder: Path, imported: ImportedScene, place: Place | None) -
         ParameterError: It is new, and nobody said whether it is outdoors.
         FormatError: It is there, and broken.
     """
-    if (folder / SCENE_FILE).exists():
-        return Scene.open(folder)
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        found = "other files" if folder.is_dir() else "a file"
-        raise FormatError(folder, f"expected a scene or a new folder, found {found}")
-    chosen = place or imported.place
+    chosen = check_target(folder, imported, place)
     if chosen is None:
-        raise ParameterError(
-            f"{folder} is a new scene and the source does not say where: give `place`: outdoor "
-            "or indoor"
-        )
+        return Scene.open(folder)
     name = imported.name or folder.resolve().name
     return Scene.create(folder, name, is_outdoor=chosen == "outdoor", world=imported.world)
 
@@ -107,6 +131,12 @@ def write_recording(
     before = read_bytes(scene.folder / SCENE_FILE)
     try:
         _write_files(partial, walk, settings, tick)
+        if settings.imported_from is not None:
+            write_text(partial / IMPORT_FILE, encode(settings.imported_from))
+        sync_folder(partial)
+        # Opened again: another process may have mapped the scene meanwhile.
+        scene = Scene.open(scene.folder)
+        before = read_bytes(scene.folder / SCENE_FILE)
         if walk.gt is not None:
             scene.write_gt(walk.id, walk.gt, "importer", walk.info.source)
         if walk.info.is_diverging:
@@ -116,6 +146,7 @@ def write_recording(
         entered.save()
         # Last: whatever a kill leaves before, the same import can be run again.
         partial.rename(folder)
+        sync(folder.parent)
     except BaseException as error:
         shutil.rmtree(partial, ignore_errors=True)
         remove_gt_file(gt_path)
@@ -126,6 +157,15 @@ def write_recording(
             raise UnwritableError.of(folder, error) from None
         raise
     return entered
+
+
+def is_imported(scene: Scene, id_: str, imported_from: ImportedFrom) -> bool:
+    """Whether a recording is there, whole, from this very import."""
+    path = scene.recording_folder(id_) / IMPORT_FILE
+    try:
+        return decode(path, path.read_text(encoding="utf-8"), ImportedFrom) == imported_from
+    except (OSError, ValueError, VioAprError):
+        return False
 
 
 def require_new(scene: Scene, id_: str) -> None:

@@ -12,7 +12,7 @@ from vioapr.files.text import read_text, write_text
 from vioapr.importers.base import ImportOptions
 from vioapr.importers.diagnostics import diagnose
 from vioapr.importers.registry import get_importer
-from vioapr.importers.write import open_or_create, write_recording
+from vioapr.importers.write import WriteSettings, open_or_create, write_recording
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.schemas.base import decode, encode
 from vioapr.schemas.reproduction import ImportNote, Place
@@ -201,7 +201,7 @@ def import_scene(data_set: DataSet, source: Path, folder: Path, progress: Progre
                 )  # fmt: skip
             diagnose(walk)
             with progress(f"importing {folder.name}/{walk.id}", len(walk)) as tick:
-                scene = write_recording(scene, walk, link=True, tick=tick)
+                scene = write_recording(scene, walk, WriteSettings(link=True), tick=tick)
     for split in ("train", "test"):
         if not scene.splits.get(split):
             raise FormatError(

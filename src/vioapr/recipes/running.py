@@ -45,7 +45,13 @@ def run_training(training: Training, scenes: Mapping[str, Scene], tick: Advance)
         folder, scene = training.walks_folder(name), scenes[name]
         images = right = 0
         for walk in predict_walks(
-            regressor, scene, scene.splits["test"], folder, training.model, tick=lambda: tick(1)
+            regressor,
+            scene,
+            scene.splits["test"],
+            folder,
+            training.model,
+            overwrite=True,
+            tick=lambda: tick(1),
         ):
             images += len(walk.scene)
             right += int((walk.scene == training.scenes.index(name)).sum())

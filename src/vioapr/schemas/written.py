@@ -35,6 +35,20 @@ class WrittenFiles(Document, frozen=True, kw_only=True):
     files: dict[str, WrittenFile] = msgspec.field(default_factory=dict)
 
 
+class ImportedFrom(Document, frozen=True, kw_only=True):
+    """Which import a recording is of, so that the same import, run again, passes over it.
+
+    Attributes:
+        importer: Its name.
+        made_from: Fingerprint of the source's path and of all options.
+    """
+
+    FORMAT: ClassVar[str] = "vioapr import"
+
+    importer: str
+    made_from: str
+
+
 class GroundTruthOrigin(Document, frozen=True, kw_only=True):
     """Where a recording's ground truth comes from; without this note, from the user.
 

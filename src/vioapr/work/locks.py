@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TextIO
 
 from vioapr.errors import FormatError, LockedError, UnwritableError
 from vioapr.schemas.base import Record, decode, encode
@@ -43,29 +44,16 @@ def locked_folder(folder: Path) -> Iterator[None]:
 
     The system holds the lock as long as the process lives (`flock`), so one that died, however
     it died, holds none, and no lock is ever to be deleted by hand. The file says who holds it;
-    it stays when the lock is free, because deleting it would race with the next process. On
-    network file systems the lock counts across machines where the file system supports it, as
-    NFS does under Linux.
+    its holder removes it in the end, and who gets the lock of a file that was removed meanwhile
+    tries again. On network file systems the lock counts across machines where the file system
+    supports it, as NFS does under Linux.
 
     Raises:
         LockedError: Another process holds it; says which, and what to do.
         UnwritableError: The folder, or the lock's file, cannot be written.
     """
     path = folder / LOCK_FILE
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        # "a": what another process wrote stays until the lock is ours.
-        file = path.open("a", encoding="utf-8")
-    except OSError as error:
-        raise UnwritableError.of(folder, error) from None
-    with file:
-        if fcntl is not None:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise LockedError(folder, describe_holder(path)) from None
-            except OSError as error:
-                raise UnwritableError.of(path, error) from None
+    with _open_locked(path) as file:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         holder = Holder(
             pid=os.getpid(), host=socket.gethostname(), command=" ".join(sys.argv), since=now
@@ -76,7 +64,35 @@ def locked_folder(folder: Path) -> Iterator[None]:
             file.flush()
         except OSError as error:
             raise UnwritableError.of(path, error) from None
-        yield
+        try:
+            yield
+        finally:
+            if fcntl is not None:
+                path.unlink(missing_ok=True)
+
+
+def _open_locked(path: Path) -> TextIO:
+    """Open a lock's file and take the lock; see `locked_folder`."""
+    while True:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # "a": what another process wrote stays until the lock is ours.
+            file = path.open("a", encoding="utf-8")
+        except OSError as error:
+            raise UnwritableError.of(path.parent, error) from None
+        if fcntl is None:
+            return file
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno())):
+                return file
+        except BlockingIOError:
+            file.close()
+            raise LockedError(path.parent, describe_holder(path)) from None
+        except OSError as error:
+            file.close()
+            raise UnwritableError.of(path, error) from None
+        file.close()  # its holder has just removed it
 
 
 def describe_holder(path: Path) -> str:
