@@ -163,6 +163,7 @@ def test_arguments_that_do_not_fit(fails, model, recording, tmp_path):
     assert "give --vio" in fails(*base, "--images", "*.jpg")
     assert "has poses of its own" in fails(*base, "--recording", recording, "--vio", "v.tum")
     assert "found no file" in fails(*base, "--images", tmp_path / "*.jpg", "--vio", "v.tum")
+    assert "--threads: expected at least 1, got 0" in fails(*base, "--threads", 0)
     (tmp_path / "empty").mkdir()
     assert "found no file" in fails(*base, "--images", tmp_path / "empty", "--vio", "v.tum")
     assert "--repeats" in fails("bench", model, "--repeats", "0")

@@ -46,7 +46,7 @@ def test_help_of_verbs_of_two_words_shows_their_own_alone(run, family):
     own = [name for name in VERBS if name.startswith(f"{family} ")]
     listed = [line for line in out.splitlines() if line.startswith("  ")]
     assert [line.split("  ")[1] for line in listed] == own
-    for arguments in ((family,), ("help", family), (family, "-h")):
+    for arguments in ((family,), ("help", family), (family, "-h"), ("help", "help", family)):
         assert run(*arguments) == (0, out, "")
 
 
@@ -133,6 +133,33 @@ def test_flags_that_cannot_be_parsed_are_named(fails):
     assert fails("convert", "a", "b", "c").startswith(
         "expected no more than the files that the verb takes, got also c (see vioapr convert "
     )
+
+
+def test_empty_paths_are_refused(fails):
+    """An empty text would be the current folder."""
+    empty = "expected a path, got an empty text: is a variable of the shell not set?"
+    assert fails("map", "").startswith(empty)
+    assert fails("fuse", "--apr", "").startswith(f"--apr: {empty}")
+    assert fails("fuse", "--apr=", "--vio=b").startswith(f"--apr: {empty}")
+    assert fails("evaluate", "walks", "--report", "").startswith(f"--report: {empty}")
+    assert "expected names from apr" in fails("evaluate", "walks", "--methods", "")
+
+
+def test_choices_of_the_library_are_suggested(fails, walk_dir):
+    assert fails("evaluate", walk_dir, "--methods", "consenus").endswith("; perhaps consensus")
+    assert fails("inspect", walk_dir / "gt.tum", "--from", "tun").endswith("; perhaps tum")
+    assert "--rate-hz: expected a rate above 0 Hz" in fails("inspect", "x", "--rate-hz", "-3")
+    assert "--tolerance-s: expected a time tolerance" in fails(
+        "evaluate", walk_dir, "--tolerance-s", "nan"
+    )
+
+
+def test_want_of_memory_is_said_in_a_line(fails, walk_dir, monkeypatch):
+    def greedy(*_: object, **__: object) -> None:
+        raise MemoryError("Unable to allocate 28 GiB")
+
+    monkeypatch.setattr("vioapr.cli.inspect.inspect_file", greedy)
+    assert fails("inspect", walk_dir / "gt.tum") == "not enough memory: Unable to allocate 28 GiB"
 
 
 def test_files_of_similar_names_are_suggested(fails, tmp_path):

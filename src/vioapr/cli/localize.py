@@ -87,6 +87,8 @@ def localize_(
         vioapr localize --model courtyard.onnx --out fused.csv \
             --recording courtyard/recordings/test-01
     """
+    if threads is not None and threads < 1:
+        raise ParameterError(f"threads: expected at least 1, got {threads}")
     options = ImportOptions(poses=vio, poses_format=vio_format, time_unit=time_unit, strict=strict)
     frames = _read_frames(recording, images, options)
     if gt is not None:

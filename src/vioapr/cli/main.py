@@ -57,7 +57,7 @@ def run(arguments: list[str]) -> None:
     Raises:
         VioAprError: There is no such verb, its flags cannot be parsed, or it fails.
     """
-    if arguments[:1] == ["help"]:
+    while arguments[:1] == ["help"]:  # `help help` too
         arguments = [*arguments[1:], "--help"]
     first, *rest = arguments or ["--help"]
     flags = arguments[: arguments.index("--")] if "--" in arguments else arguments
@@ -103,11 +103,14 @@ def run_verb(name: str, arguments: list[str]) -> None:
             call()
     except VioAprError as error:
         from vioapr.cli.flags import flag_names, name_flags
-        from vioapr.cli.suggestions import suggest_path
+        from vioapr.cli.suggestions import suggest_choice, suggest_path
 
-        hint = suggest_path(Path(error.path)) if isinstance(error, FileMissingError) else ""
         message = renamed(name_flags(error, flag_names(function)))
-        raise VioAprError(message + hint) from error
+        if isinstance(error, FileMissingError):
+            message += suggest_path(Path(error.path))
+        raise VioAprError(message + suggest_choice(message)) from error
+    except MemoryError as error:
+        raise VioAprError(f"not enough memory: {error or 'the machine has no more'}") from error
     finally:
         start_verb()
 

@@ -53,6 +53,8 @@ def find_problem(arguments: Sequence[str], parameters: Sequence[Parameter]) -> s
         What is wrong, or nothing.
     """
     by_flag = {flag: one for one in parameters for flag in one.flags}
+    if problem := _find_empty_path(arguments, by_flag):
+        return problem
     for number, word in enumerate(arguments):
         if word == "--":
             break
@@ -68,6 +70,23 @@ def find_problem(arguments: Sequence[str], parameters: Sequence[Parameter]) -> s
         if choices and value is not None and not value.startswith("--") and value not in choices:
             expected = f"expected one of {', '.join(choices)}, got {value!r}"
             return f"{flag}: {expected}{suggest(value, choices)}"
+    return ""
+
+
+def _find_empty_path(arguments: Sequence[str], by_flag: dict[str, Parameter]) -> str:
+    """Find a path that is an empty text: it would mean the current folder.
+
+    Nobody writes that: a shell does, where a variable is not set.
+    """
+    before = ""
+    for word in arguments:
+        given, has_value, value = word.partition("=")
+        one = by_flag.get(given.replace("_", "-") if has_value else before.replace("_", "-"))
+        is_path = "Path" in str(one.kind) if one is not None else not before.startswith("--")
+        if is_path and (word == "" or (has_value and one is not None and value == "")):
+            flag = f"{one.flag}: " if one is not None else ""
+            return f"{flag}expected a path, got an empty text: is a variable of the shell not set?"
+        before = word
     return ""
 
 

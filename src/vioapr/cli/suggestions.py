@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 from pathlib import Path
@@ -35,6 +36,12 @@ def suggest(given: str, known: Iterable[str]) -> str:
     """Say which known names were perhaps meant: `; perhaps a or b`, or nothing."""
     similar = similar_names(given, known)
     return f"; perhaps {' or '.join(similar)}" if similar else ""
+
+
+def suggest_choice(message: str) -> str:
+    """Say which of the choices that a message lists was perhaps meant."""
+    found = re.match(r"unknown \w+ '([^']+)': expected one of ([^()]+)$", message)
+    return suggest(found[1], found[2].split(", ")) if found else ""
 
 
 def suggest_path(path: Path) -> str:

@@ -47,7 +47,7 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise ParameterError(f"expected a rate above 0 Hz, got {self.rate_hz}")
+            raise ParameterError(f"`rate_hz`: expected a rate above 0 Hz, got {self.rate_hz}")
         units = get_args(TimeUnit)
         if self.time_unit is not None and self.time_unit not in units:
             raise ParameterError(

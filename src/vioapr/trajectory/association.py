@@ -74,7 +74,9 @@ def associate_frames(
         ParameterError: The tolerance is negative or not a number.
     """
     if not tolerance_s >= 0:
-        raise ParameterError(f"expected a time tolerance of at least 0 s, got {tolerance_s}")
+        raise ParameterError(
+            f"`tolerance_s`: expected a time tolerance of at least 0 s, got {tolerance_s}"
+        )
     if timestamp_s is None or not right.is_timed:
         if names is None or right.names is None:
             raise AssociationError(
