@@ -125,3 +125,42 @@ def test_an_empty_table_of_rigs(tmp_path):
     path = write(tmp_path / "trajectories.txt", HEADER, "0, cam, 1, 0, 0, 0, -4, 0, 0")
     write(tmp_path / "rigs.txt", "# kapture format: 1.1")
     assert read_trajectory(path).position_m[0].tolist() == [4, 0, 0]
+
+
+def test_the_published_sample(tmp_path):
+    """naver/kapture, samples/7scenes: the second frame of stairs/seq-01, and Microsoft's matrix.
+
+    7-Scenes' poses are of the depth camera, which is the rig's origin; the colour camera is beside.
+    """
+    write(
+        tmp_path / "trajectories.txt",
+        "# kapture format: 1.0",
+        "       1, kinect, 0.966589056988121, 0.18692042310929569, -0.13435986392887625,"
+        " -0.112755387013086, 1.465352943503805, 0.031223161486779567, 0.5677286745629248",
+    )
+    rigs = [
+        "kinect, kinect_rgb, -0.9999829690719851, -0.004080640735846227, 0.00394659107519435,"
+        " 0.0013543840101732576, -0.025558943178152542, 0.00010109636268061706,"
+        " 0.002031832172948704",
+        "kinect, kinect_depth,  1.0,  0.0,  0.0,  0.0,  0.0,  0.0,  0.0",
+    ]
+    write(tmp_path / "rigs.txt", "# kapture format: 1.0", *rigs)
+    kinds = [
+        "kinect_rgb, kinect_rgb, camera, PINHOLE",
+        "kinect_depth, kinect_depth, depth, PINHOLE",
+    ]
+    write(tmp_path / "sensors.txt", *kinds)
+    write(tmp_path / "records_camera.txt", "1, kinect, frame-000001.color.jpg")
+    published = [
+        [9.3841040e-1, -2.6818979e-1, 2.1757449e-1, -1.4903431],
+        [1.6773692e-1, 9.0464264e-1, 3.9162564e-1, -4.9640700e-1],
+        [-3.0187285e-1, -3.3102760e-1, 8.9394891e-1, -5.4840837e-2],
+    ]
+    colour = read_trajectory(tmp_path)
+    assert (colour.names, colour.source) == (("frame-000001.color.jpg",), "cam")
+    offset = colour.position_m[0] - [row[3] for row in published]
+    assert np.linalg.norm(offset) == pytest.approx(0.0256, abs=1e-4)
+    (tmp_path / "rigs.txt").unlink()
+    depth = read_trajectory(tmp_path)
+    matrix = depth.target_from_source.to_matrix()[0, :3]
+    np.testing.assert_allclose(matrix, published, atol=1e-4)

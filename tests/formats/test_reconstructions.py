@@ -186,3 +186,62 @@ def test_ios_loggers_folder(tmp_path):
     pose = track.target_from_source.at(0)
     np.testing.assert_allclose(pose.apply(np.array([0.0, 0, 1])), [1, 2, 2], atol=1e-12)
     np.testing.assert_allclose(pose.apply(np.array([0.0, -1, 0])), [1, 3, 3], atol=1e-12)
+
+
+def test_published_cameras_of_bundler_and_nvm_agree(tmp_path):
+    """naver/kapture, samples/Aachen-Day-Night/3D-models: one model in both formats.
+
+    The world of the Bundler file is the other's, turned by 180 degrees about x.
+    """
+    nvm = write(
+        tmp_path / "aachen.nvm",
+        "NVM_V3\n\n1\ndb/4446.jpg 1556.98 0.118007 0.976976 -0.0385554 -0.173511 776.168 "
+        "-8.09852 -18.3826 0.086426 0\n\n1\n650.802 -2.78686 -287.018 87 87 87 0\n",
+    )
+    bundle = write(
+        tmp_path / "aachen.out",
+        "# Bundle file v0.3\n1 1\n1.55698e+03 0.0 3.565154420e-08\n"
+        "9.368148497e-01 3.438436401e-02 3.481316604e-01\n"
+        "1.162863863e-01 -9.691756687e-01 -2.172003672e-01\n"
+        "3.299324383e-01 2.439595021e-01 -9.119365918e-01\n"
+        "-7.338037358e+02 -7.841617584e+01 -2.412949461e+02\n"
+        "6.508020e+02 2.786860e+00 2.870180e+02\n87 87 87\n0\n",
+    )
+    pose = read(nvm)[0].target_from_source.at(0)
+    turned = np.diag([1.0, -1, -1, 1]) @ read(bundle)[0].target_from_source.to_matrix()[0]
+    np.testing.assert_allclose(turned, pose.to_matrix(), atol=1e-6)
+    seen = pose.inverse().apply(np.array([650.802, -2.78686, -287.018]))
+    assert seen[2] > 200  # the point that the image observes is in front of it
+
+
+def test_published_cameras_of_meshroom_face_the_house(tmp_path):
+    """Two of ledionkalludra/LoD2to3, cameras.sfm: pictures around a house at the origin."""
+    poses = [
+        (
+            "0.51409451549611185 0.099808617786171699 0.85190672550017588 -0.0055228138890308642 "
+            "0.99357132265165315 -0.11307309729105255 -0.85771576158046969 0.0534253368717372 "
+            "0.51134079214998696",
+            "-22.08541901898915 -2.877778734328845 -19.03880549942653",
+        ),
+        (
+            "-0.26790551259419815 -0.00086122743083794084 -0.96344480620788664 "
+            "0.0071020838763475452 0.99997066488701358 -0.0028687575771905345 "
+            "0.96341901409835851 -0.0076110217931455414 -0.26789153704626617",
+            "31.69367036040039 -7.0014806375631133 -12.912019498456607",
+        ),
+    ]
+    scene = {
+        "views": [{"viewId": k, "poseId": k, "path": f"{k}.jpg"} for k in ("0", "1")],
+        "poses": [
+            {
+                "poseId": str(k),
+                "pose": {"transform": {"rotation": turn.split(), "center": center.split()}},
+            }
+            for k, (turn, center) in enumerate(poses)
+        ],
+    }
+    track, _ = read(write(tmp_path / "cameras.sfm", scene))
+    forward = track.target_from_source.to_matrix()[:, :3, 2]
+    to_house = -track.position_m / np.linalg.norm(track.position_m, axis=1, keepdims=True)
+    # Within 45 degrees; the transposed rotations look away from it.
+    assert ((forward * to_house).sum(axis=1) > np.sqrt(0.5)).all()

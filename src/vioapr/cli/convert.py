@@ -36,7 +36,8 @@ def convert(
         source_format: Format of IN; by default the one it looks like.
         target_format: Format of OUT; by default the one its name means.
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.
-        sequence: Folder part of the image names to keep, where IN holds several sequences.
+        sequence: Folder part of the image names to keep, or the device (kapture), chunk
+            (Metashape) or track (Spectacular AI), where IN holds several.
         time_unit: Unit of IN's times; by default found from their values.
         reading: What IN really holds, where its poses are in another convention than its format
             has: opengl, inverted, inverted-rotations, wxyz or xyzw (the order in which

@@ -41,7 +41,8 @@ def inspect(
         against: Another track of the same walk whose convention is known, as the VIO's: tells
             inverted, mirrored, OpenGL and misordered poses apart.
         rate_hz: Frames per second of image names' numbers, for formats without timestamps.
-        sequence: Folder part of the image names to look at.
+        sequence: Folder part of the image names to look at; or the device (kapture), chunk
+            (Metashape) or track (Spectacular AI), where a file holds several.
         time_unit: Unit of the files' times; by default found from their values.
         against_format: Format of the other track; by default the one it looks like.
         json_: As --format json.

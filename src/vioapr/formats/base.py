@@ -31,7 +31,8 @@ class ReadOptions:
         rate_hz: Frames per second of image names' frame numbers (or of rows, for formats
             without names), for formats without timestamps. None leaves them untimed.
         sequence: For files that hold several sequences, the name of the one to read: the
-            folder part of its image names, e.g. "seq-03".
+            folder part of its image names, e.g. "seq-03"; or a device of kapture's, a chunk of
+            Metashape's, a track of Spectacular AI's.
         time_unit: Unit of the file's times, where the format does not fix it; found from the
             values by default.
         strict: Raise an error at the first row that gives no pose, rather than leave it out.

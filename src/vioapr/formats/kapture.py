@@ -81,7 +81,7 @@ class _Dialect:
             times,
             poses,
             options,
-            names=self._image_names(path.parent, rows.column(0), camera or device),
+            names=self._image_names(path.parent, rows.column(0), (camera, device)),
             is_timed=is_timed,
             source="rig" if is_rig and camera is None else "cam",
         )
@@ -100,16 +100,21 @@ class _Dialect:
             if kinds.get(sensor, "camera") == "camera" and poses.at(k).is_known
         }
 
-    def _image_names(self, folder: Path, stamps: list[str], device: str) -> list[str] | None:
-        """An image for each timestamp, if the table of images has them all."""
+    def _image_names(
+        self, folder: Path, stamps: list[str], devices: tuple[str | None, ...]
+    ) -> list[str] | None:
+        """An image for each timestamp, if the table of images has them all for a device."""
         path = folder / self.images
         if not path.is_file():
             return None
         what = "timestamp, device_id, image_path"
         rows = parse_rows(path, read_text(path), range(3, 100), what=what, delimiter=",")
-        image_of = {row[0]: row[2] for row in rows.fields if row[1] == device}
-        names = [image_of.get(stamp, "") for stamp in stamps]
-        return names if all(names) and len(set(names)) == len(names) else None
+        for device in devices:
+            image_of = {row[0]: row[2] for row in rows.fields if row[1] == device}
+            names = [image_of.get(stamp, "") for stamp in stamps]
+            if all(names) and len(set(names)) == len(names):
+                return names
+        return None
 
 
 def _file_of(path: Path) -> Path:
