@@ -128,6 +128,17 @@ def test_polycam(unit, tmp_path):
     assert "poses: of cameras/, as ARKit" in texts(found, warnings=False)
 
 
+def test_polycam_without_timestamps(tmp_path):
+    source = make_polycam(tmp_path / "scan")
+    for path in (source / "keyframes/cameras").iterdir():
+        content = json.loads(path.read_text())
+        del content["timestamp"]
+        path.write_text(json.dumps(content))
+    found = read_one(POLYCAM, source)
+    assert found.info.clock == "frame-rate"
+    assert "no timestamps: counted at 1 Hz" in texts(found, warnings=True)
+
+
 def test_polycam_corrected_cameras_come_first(tmp_path):
     source = make_polycam(tmp_path / "scan")
     make_polycam(source, "corrected_cameras", "corrected_images")

@@ -20,8 +20,11 @@ from tests.scene.scenes import jpeg
 
 from vioapr.errors import FileMissingError, FormatError, MissingExtraError
 from vioapr.files.tables import format_rows
+from vioapr.formats import stray
+from vioapr.geometry import quaternion
 from vioapr.importers.record3d import IMPORTER as RECORD3D
 from vioapr.importers.stray import IMPORTER as STRAY
+from vioapr.trajectory import Trajectory
 
 
 @pytest.fixture
@@ -67,6 +70,42 @@ def test_stray_accelerometer_of_another_axis_order_is_reported(stray_folder):
     write_imu(stray_folder, -1.0)
     (found,) = read_walks(STRAY, stray_folder)
     assert "its up is 180 deg off the tracker's" in texts(found, warnings=True)
+
+
+def look_down(folder, tilt_deg=90.0):
+    """Turn the camera down by an angle, in odometry.csv; give the new track."""
+    half = np.deg2rad(tilt_deg) / 2
+    turn = np.array([-np.sin(half), 0.0, 0.0, np.cos(half)])
+    vio = walk()
+    down = Trajectory(
+        vio.timestamp_s, vio.position_m, quaternion.multiply(vio.quat_xyzw, turn), target="vio"
+    )
+    stray.write(folder / "odometry.csv", down)
+    return down
+
+
+def test_stray_looking_down_without_an_accelerometer(stray_folder):
+    look_down(stray_folder)
+    (found,) = read_walks(STRAY, stray_folder)
+    assert found.info.is_gravity_aligned
+    assert "the tracker's +y is up by its definition" in texts(found, warnings=False)
+    assert "gravity" not in texts(found, warnings=True)
+
+
+def test_stray_an_accelerometer_that_says_otherwise(stray_folder):
+    """The world is tilted by 40 degrees: poses are, and the accelerometer knows."""
+    write_imu(stray_folder)
+    look_down(stray_folder, 0.0)
+    tilt = quaternion.from_rotvec(np.array([np.deg2rad(40.0), 0.0, 0.0]))
+    vio = walk()
+    tilted = Trajectory(
+        vio.timestamp_s, quaternion.rotate(tilt, vio.position_m),
+        quaternion.multiply(tilt, vio.quat_xyzw), target="vio",
+    )  # fmt: skip
+    stray.write(stray_folder / "odometry.csv", tilted)
+    (found,) = read_walks(STRAY, stray_folder)
+    assert not found.info.is_gravity_aligned
+    assert "accelerometer: its up is 40 deg off the tracker's" in texts(found, warnings=True)
 
 
 def test_stray_accelerometer_without_gravity_is_left_out(stray_folder):
@@ -266,3 +305,24 @@ def test_record3d_rows_without_a_pose_are_lost_frames(record3d_folder):
     assert list(found.images)[6] == record3d_folder / "rgbd/6.jpg"
     np.testing.assert_allclose(found.vio_from_cam.translation_m[6], walk().position_m[6])
     assert "2 rows have no pose" in texts(found, warnings=True)
+
+
+def test_record3d_zips_that_are_damaged_or_bombs(record3d_folder, tmp_path, monkeypatch):
+    """A member that does not unpack, or to too much, costs its frame the image."""
+    source = tmp_path / "capture.r3d"
+    with zipfile.ZipFile(source, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(record3d_folder / "metadata", "metadata")
+        for k in range(COUNT):
+            content = bytes(5_000_000) if k == 4 else jpeg(shade=k)
+            archive.writestr(f"rgbd/{k}.jpg", content)
+        archive.writestr(f"rgbd/{'9' * 5000}.jpg", b"x")
+        archive.writestr("rgbd/../../7.jpg", b"outside")
+        place = archive.getinfo("rgbd/9.jpg").header_offset
+    content = bytearray(source.read_bytes())
+    content[place + 60 : place + 90] = b"\xff" * 30
+    source.write_bytes(content)
+    monkeypatch.setattr("vioapr.importers.record3d._MAX_IMAGE_BYTES", 1_000_000)
+    (found,) = read_walks(RECORD3D, source)
+    images = list(found.images)
+    assert [k for k, image in enumerate(images) if image == b""] == [4, 9]
+    assert (images[3], images[7]) == (jpeg(shade=3), jpeg(shade=7))

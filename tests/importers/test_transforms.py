@@ -128,6 +128,25 @@ def test_a_path_of_which_several_images_could_be_meant(capture, tmp_path):
     assert missing in texts(found, warnings=True)
 
 
+def test_images_of_a_kind_that_is_not_read(capture, tmp_path):
+    (capture / "images/4.jpg").rename(capture / "images/4.webp")
+    (capture / "images/4.webp").write_bytes(b"RIFF\x10\0\0\0WEBPVP8 ")
+    change(capture, lambda _, frames: frames[4].update(file_path="images/4.webp"))
+    found = read_one(capture)
+    assert np.flatnonzero(~written(tmp_path, found).has_image).tolist() == [4]
+    assert "4.webp: expected a JPEG or PNG image, got WebP: convert" in texts(found, warnings=True)
+
+
+def test_splits_in_files_of_their_own(capture):
+    content = (capture / "transforms.json").read_text()
+    (capture / "transforms.json").rename(capture / "transforms_train.json")
+    assert read_one(capture).id == "capture_train"
+    (capture / "transforms_test.json").write_text(content)
+    with pytest.raises(FormatError, match=r"found transforms_test.json, transforms_train.json"):
+        read_one(capture)
+    assert read_one(capture / "transforms_test.json").id == "capture_test"
+
+
 def test_upper_case_endings(capture, tmp_path):
     for path in (capture / "images").iterdir():
         path.rename(path.with_suffix(".JPG"))

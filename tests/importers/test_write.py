@@ -129,6 +129,27 @@ def test_intrinsics_without_size_are_of_the_size_that_their_middle_shows(scene, 
     assert "of 64x48, and the images are 16x12: rescaled" in texts(walk, warnings=False)
 
 
+@pytest.mark.parametrize(
+    ("middle", "fx", "found"),
+    [
+        ((10.0, 7.5), 16.0, "20x15, and the images are 16x12: rescaled"),
+        ((12.2, 8.9), 13.333, "24x18, and the images are 16x12: rescaled"),
+        ((4.05, 3.0), 40.0, "8x6, and the images are 16x12: rescaled"),
+        ((8.6, 6.4), 20.0, ""),
+        ((6.0, 8.0), np.nan, "12x16, and the images are 16x12: the one is upright"),
+    ],
+)
+def test_sizes_that_a_middle_shows(middle, fx, found, scene, tmp_path):
+    source = make_stray(tmp_path / "scan")
+    (source / "camera_matrix.csv").write_text(f"20, 0, {middle[0]}\n0, 20, {middle[1]}\n0, 0, 1")
+    walk, write = import_stray(scene, source)
+    frames = write().recording("scan").frames
+    np.testing.assert_allclose(frames.intrinsics.fx[0], fx, atol=1e-3)
+    said = texts(walk, warnings=False) + texts(walk, warnings=True)
+    assert found in said
+    assert ("and the images are" in said) == bool(found)
+
+
 def test_intrinsics_whose_middle_fits_no_image_are_left_out(scene, tmp_path):
     source = make_stray(tmp_path / "scan")
     (source / "camera_matrix.csv").write_text("80, 0, 32\n0, 84, 6\n0, 0, 1")

@@ -28,6 +28,7 @@ SCANNER_APP_FILES = "frame_*.json"
 POLYCAM_FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
 """Folders of cameras with those of their images: Polycam corrects poses and lenses, if asked."""
 
+_LEAST_TIME_DIGITS = 9
 _POLYCAM_STEP_S = (0.02, 60.0)
 
 
@@ -168,7 +169,9 @@ def _polycam_frame(path: Path, content: dict[str, Any]) -> FrameFile:
     names = ("width", "height", "fx", "fy", "cx", "cy")
     camera = [content.get(name, np.nan) for name in names]
     width, height, fx, fy, cx, cy = as_numbers(path, camera, (6,), "the camera", 1).tolist()
-    time = content.get("timestamp", float(path.stem) if path.stem.isdecimal() else np.nan)
+    # Small numbers are of frames.
+    is_time = path.stem.isdecimal() and len(path.stem) >= _LEAST_TIME_DIGITS
+    time = content.get("timestamp", float(path.stem) if is_time else np.nan)
     return FrameFile(
         path,
         float(as_numbers(path, time, (), '"timestamp"', 1)),

@@ -38,6 +38,8 @@ Split = Literal["train", "test", "none"]
 Place = Literal["outdoor", "indoor"]
 
 
+_MAX_DIGITS = 15
+
 Up = Literal["definition", "first-pose", "unknown"]
 """Why y should be up in a tracker's world: by the format's definition, as ARKit's; not at all, as
 the world is the first camera's; or nobody says."""
@@ -247,6 +249,11 @@ def require_one(source: Path, options: ImportOptions, count: int) -> None:
 def is_pattern(source: Path) -> bool:
     """Whether a path is a pattern of file names, as frames/*.jpg."""
     return any(letter in source.as_posix() for letter in "*?[")
+
+
+def is_frame_number(text: str) -> bool:
+    """Whether a text counts a frame, as 000012."""
+    return text.isdecimal() and len(text) <= _MAX_DIGITS
 
 
 def is_image_name(name: str) -> bool:

@@ -13,8 +13,12 @@ from vioapr.scene.frames import Intrinsics
 
 _Size = tuple[int, int]
 
-# A principal point is near the middle: by this, cameras without size show theirs.
-_LEAST_RATIO, _MOST_RATIO, _RATIO_SPREAD = 0.75, 1.33, 0.06
+_SCALES = (1.25, 4 / 3, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+
+# A principal point is near the middle, so cameras without size show theirs by it: within some
+# per cent, where images were scaled by a common factor.
+_NEAR, _ROUNDING = 0.16, 0.05
+_FACTORS = (*_SCALES, *(1 / scale for scale in _SCALES))
 
 
 class CameraFitter:
@@ -83,17 +87,14 @@ class CameraFitter:
     def _size_by_middle(self, pinhole: NDArray[np.float64], size: _Size) -> _Size | None:
         """The size that a camera without one is of, if its middle is clearly not the image's."""
         ratio = 2 * pinhole[2:] / np.array(size)
-        if not np.isfinite(ratio).all() or (
-            (ratio > _LEAST_RATIO).all() and (ratio < _MOST_RATIO).all()
-        ):
+        if not np.isfinite(ratio).all() or (np.abs(np.log(ratio.clip(1e-9))) < _NEAR).all():
             return None
-        whole = ratio.mean() if ratio.mean() > 1 else 1 / max(float(ratio.mean()), 1e-9)
-        nearest = round(2 * whole) / 2  # images are halved, or taken at 2/3
-        is_even = abs(ratio[0] / ratio[1] - 1) < _RATIO_SPREAD if ratio[1] > 0 else False
-        if is_even and abs(whole / nearest - 1) < _RATIO_SPREAD:
-            factor = nearest if ratio.mean() > 1 else 1 / nearest
-            return round(size[0] * factor), round(size[1] * factor)
         middle = max(round(2 * pinhole[2]), 1), max(round(2 * pinhole[3]), 1)
+        if (np.abs(np.array(middle) / np.array(size[::-1]) - 1) < _NEAR).all():
+            return middle  # of a turned image
+        factor = min(_FACTORS, key=lambda factor: abs(np.log(ratio.clip(1e-9) / factor)).max())
+        if (np.abs(ratio / factor - 1) < _ROUNDING).all():
+            return round(size[0] * factor), round(size[1] * factor)
         self._off_centre[middle, size] += 1
         pinhole[:] = np.nan
         return None

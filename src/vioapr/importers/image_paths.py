@@ -36,6 +36,8 @@ class ImagePaths:
             Where it is; or, if it is nowhere, where it should be.
         """
         path = self.folder / written.strip().replace("\\", "/")
+        if path.is_file():  # even of a kind that is not read, which is said then
+            return path
         if (found := with_ending(path)) is not None:
             return found
         parts = tuple(part for part in path.parts if part not in ("/", ".", ".."))

@@ -49,7 +49,7 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
     Raises:
         FileError: It cannot be read, or no frame of it can be used.
     """
-    path = source / _FILE if source.is_dir() else source
+    path = find_file(source)
     found = Transforms.read(path)
     paths = ImagePaths(path.parent)
     image_of = {frame.entry: paths.find(frame.file_path) for frame in found.frames}
@@ -63,7 +63,7 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         found.problems.append(FormatError(found.path, text, frame.entry))
     world = find_world(found, poses.world_from_cam, poses.scale)
     walk = Walk(
-        id=options.id or id_of(path.resolve().parent.name),
+        id=options.id or id_of(name_of(path)),
         split=options.split_or("train"),
         info=RecordingInfo(
             tracker=world.tracker or "transforms.json",
@@ -90,6 +90,27 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         walk.note(f"time: from the file, in {clock}")
     say_scale(walk, world, options)
     return walk
+
+
+def name_of(path: Path) -> str:
+    """The name of a capture: its folder's, with that of the split if the file is of one."""
+    split = path.stem.removeprefix("transforms") if path.stem.startswith("transforms_") else ""
+    return path.resolve().parent.name + split
+
+
+def find_file(source: Path) -> Path:
+    """The file itself, or the one in a folder.
+
+    Raises:
+        FormatError: The folder has several, as of splits, and none is transforms.json.
+    """
+    if not source.is_dir() or (source / _FILE).exists():
+        return source / _FILE if source.is_dir() else source
+    others = sorted(source.glob("transforms*.json"))
+    if len(others) > 1:
+        listed = ", ".join(path.name for path in others)
+        raise FormatError(source, f"expected {_FILE}, found {listed}: import one, then the others")
+    return others[0] if others else source / _FILE
 
 
 def leave_out_repeats(found: Transforms, image_of: dict[int, Path]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from vioapr.importers.base import (
     ImportOptions,
     Walk,
     id_of,
+    is_frame_number,
     list_image_names,
     one_walk,
     tracking_of,
@@ -32,6 +34,7 @@ from vioapr.schemas.recording import RecordingInfo
 _METADATA = ("metadata", "metadata.json")
 _IMAGE_FOLDERS = ("rgbd", "rgb")
 _DEFAULT_RATE_HZ = 30.0
+_MAX_IMAGE_BYTES = 1 << 28
 
 
 def read(source: Path, options: ImportOptions) -> list[ImportedScene]:
@@ -93,14 +96,15 @@ def find_images(source: Path) -> dict[int, str]:
             found = [
                 name
                 for name in archive.namelist()
-                if name.split("/")[0] in _IMAGE_FOLDERS and name.lower().endswith(IMAGE_SUFFIXES)
+                if name.rpartition("/")[0] in _IMAGE_FOLDERS
+                and name.lower().endswith(IMAGE_SUFFIXES)
             ]
     else:
         found = []
     if not found:
         raise FormatError(source, "expected images rgbd/0.jpg, rgbd/1.jpg and so on, found none")
     found.sort(key=natural_key)
-    return {int(Path(name).stem): name for name in found if Path(name).stem.isdecimal()}
+    return {int(Path(name).stem): name for name in found if is_frame_number(Path(name).stem)}
 
 
 def read_images(source: Path, images: dict[int, str], rows: list[int]) -> Iterator[Image]:
@@ -111,9 +115,16 @@ def read_images(source: Path, images: dict[int, str], rows: list[int]) -> Iterat
     with zipfile.ZipFile(source) as archive:
         for row in rows:
             try:
-                yield archive.read(images[row]) if row in images else None
-            except zipfile.BadZipFile:
-                yield b""  # damaged: reported as an empty image
+                yield read_member(archive, images[row]) if row in images else None
+            except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError):
+                yield b""  # damaged or encrypted: reported as an empty image
+
+
+def read_member(archive: zipfile.ZipFile, name: str) -> bytes:
+    """An image in a zip; b"" if it unpacks to more than any image has."""
+    with archive.open(name) as member:
+        content = member.read(_MAX_IMAGE_BYTES + 1)
+    return content if len(content) <= _MAX_IMAGE_BYTES else b""
 
 
 def read_intrinsics(path: Path, content: dict[str, Any], count: int) -> Intrinsics:

@@ -26,6 +26,7 @@ from vioapr.importers.base import (
     ImportOptions,
     Walk,
     id_of,
+    is_frame_number,
     list_image_names,
     one_walk,
     tracking_of,
@@ -124,7 +125,7 @@ def find_images(
     for folder in _IMAGE_FOLDERS:
         if found := list_image_names(source / folder):
             stems = {name.rsplit(".", 1)[0]: name for name in found}
-            by_number = {int(stem): name for stem, name in stems.items() if stem.isdecimal()}
+            by_number = {int(stem): name for stem, name in stems.items() if is_frame_number(stem)}
             names = [by_number.get(int(number), "") for number in numbers]
             unused = len(found) - sum(1 for name in names if name)
             problem = f"images: {unused} in {folder}/ belong to no frame" if unused else None
