@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from tests.formats.conftest import file_name, make_trajectory
+from tests.formats.samples import write_sample
 
 from vioapr.cli.convert import convert
 from vioapr.errors import AlreadyExistsError, FormatError, ParameterError
@@ -14,12 +15,25 @@ from vioapr.formats.registry import FORMATS, read_trajectory
 
 def write(name, folder):
     path = folder / file_name(FORMATS[name])
-    FORMATS[name].write(path, make_trajectory(FORMATS[name]))
+    write_sample(FORMATS[name], path, make_trajectory(FORMATS[name]))
     return path
 
 
-@pytest.mark.parametrize("target", FORMATS)
-@pytest.mark.parametrize("source", FORMATS)
+WRITTEN = [name for name, format_ in FORMATS.items() if format_.write is not None]
+# Each to ten others, so that every format is a source and a target several times.
+PAIRS = [
+    (source, WRITTEN[(row + 3 * step) % len(WRITTEN)])
+    for row, source in enumerate(FORMATS)
+    for step in range(10)
+]
+
+
+def test_pairs_cover_all_formats():
+    assert {source for source, _ in PAIRS} == set(FORMATS)
+    assert {target for _, target in PAIRS} == set(WRITTEN)
+
+
+@pytest.mark.parametrize(("source", "target"), PAIRS)
 def test_any_to_any(source, target, tmp_path):
     (tmp_path / "in").mkdir()
     path = write(source, tmp_path / "in")

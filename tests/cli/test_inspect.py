@@ -4,6 +4,7 @@ import json
 
 import pytest
 from tests.formats.conftest import file_name, make_trajectory
+from tests.formats.samples import write_sample
 
 from vioapr.cli.inspect import inspect
 from vioapr.errors import FormatError, ParameterError
@@ -12,7 +13,7 @@ from vioapr.formats.registry import FORMATS
 
 def write(name, folder):
     path = folder / file_name(FORMATS[name])
-    FORMATS[name].write(path, make_trajectory(FORMATS[name]))
+    write_sample(FORMATS[name], path, make_trajectory(FORMATS[name]))
     return path
 
 
