@@ -52,7 +52,7 @@ def front_of(trajectory, row=0):
 
 
 def test_polycam_by_hand(tmp_path):
-    write_polycam(tmp_path / "capture", [5_000_000, 5_500_000, 6_000_000])
+    write_polycam(tmp_path / "capture", [105_000_000, 105_500_000, 106_000_000])
     (tmp_path / "capture" / "mesh_info.json").write_text("{}")
     for path in (tmp_path / "capture", tmp_path / "capture" / "keyframes"):
         assert rank_formats(path)[0][0].name == "polycam"
@@ -61,8 +61,8 @@ def test_polycam_by_hand(tmp_path):
         np.testing.assert_allclose(front, [2, 2, 3], atol=1e-12)
         np.testing.assert_allclose(above, [1, 3, 3], atol=1e-12)
         assert (track.target, track.source) == ("vio", "cam")
-        assert track.timestamp_s.tolist() == [5, 5.5, 6]
-        assert track.names == ("5000000.jpg", "5500000.jpg", "6000000.jpg")
+        assert track.timestamp_s.tolist() == [105, 105.5, 106]
+        assert track.names == ("105000000.jpg", "105500000.jpg", "106000000.jpg")
 
 
 def test_polycams_corrected_cameras_come_first(tmp_path):
@@ -188,11 +188,11 @@ def test_folders_that_are_missing_or_empty(name, tmp_path):
 
 
 def test_a_scannet_folder_is_written_by_number(tmp_path):
-    source = write_polycam(tmp_path / "capture", [10**6, 2 * 10**6])
+    source = write_polycam(tmp_path / "capture", [10**9, 10**9 + 10**6])
     done = convert_file(source, tmp_path / "out", target_format="scannet")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "1000000.txt",
-        "2000000.txt",
+        "1000000000.txt",
+        "1001000000.txt",
     ]
     assert done.lost == ("timestamps",)
     done = convert_file(
