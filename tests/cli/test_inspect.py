@@ -67,3 +67,17 @@ def test_a_file_that_cannot_be_read_is_an_error(tmp_path):
 def test_no_file_is_an_error():
     with pytest.raises(ParameterError, match="files: expected at least one to inspect, got none"):
         inspect(())
+
+
+def test_of_several_files_those_that_can_be_read_are_shown(run, tmp_path):
+    for name in ("a.tum", "c.tum"):
+        FORMATS["tum"].write(tmp_path / name, make_trajectory(FORMATS["tum"], 40))
+    (tmp_path / "b.tum").write_text("no poses\n")
+    files = [tmp_path / f"{name}.tum" for name in "abcd"]
+    code, out, err = run("inspect", *files, "--format", "csv")
+    assert code == 2
+    assert [line.split(",")[0] for line in out.splitlines()[1:]] == [str(files[0]), str(files[2])]
+    first, second, last = err.splitlines()
+    assert first.startswith(f"WARNING skipped: {files[1]}: ")
+    assert second.startswith(f"WARNING skipped: {files[3]}: expected a file")
+    assert last == "error: 2 of 4 files cannot be read"

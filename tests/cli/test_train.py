@@ -241,7 +241,7 @@ def test_what_training_refuses(fails, scene, tmp_path):
     assert "learnable-l2" in line
     line = fails("train", scene.folder, scene.folder, "--model", "ms-transformer")
     assert "expected scenes of different names, got Box, Box" in line
-    assert "[SCENE ...]: expected at least one scene's folder, got none" in fails("train")
+    assert "SCENE ...: expected at least one scene's folder, got none" in fails("train")
     assert "none: " in fails("train", tmp_path / "none")
     assert not (tmp_path / "run").exists()
 

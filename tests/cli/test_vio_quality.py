@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 
@@ -41,3 +42,14 @@ def test_bad_input(fails, tmp_path):
     assert "expected a scene, or walks" in fails("vio-quality", tmp_path)
     assert "expected a scene, or walks" in fails("vio-quality", tmp_path / "no" / "such")
     assert "expected a positive number" in fails("vio-quality", tmp_path, "--rate-hz", "0")
+
+
+def test_walks_that_cannot_be_compared_are_named(run, fails, walk_dir):
+    shutil.copytree(walk_dir, walk_dir.parent / "broken")
+    broken = walk_dir.parent / "broken" / "vio_sim.tum"
+    broken.write_text("no poses\n")
+    code, out, err = run("vio-quality", walk_dir.parent, "--format", "csv")
+    assert code == 0
+    assert [line.split(",")[1] for line in out.splitlines()] == ["walk", "walk"]
+    assert err.startswith(f"WARNING skipped: {broken}: ")
+    assert str(broken) in fails("vio-quality", broken.parent)

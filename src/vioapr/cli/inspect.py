@@ -6,10 +6,10 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import say, say_notes, send_messages_aside, with_flags
+from vioapr.cli.console import say, say_notes, send_messages_aside, warn, with_flags
 from vioapr.cli.streams import InputFile
 from vioapr.cli.tables import Column, Format, Row, Table, Value, show
-from vioapr.errors import ParameterError
+from vioapr.errors import FileError, ParameterError, VioAprError
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import read_with_notes
@@ -34,6 +34,8 @@ def inspect(
     form: Format = "table",
 ) -> None:
     """Say what trajectory files are, how sure that is, and what looks wrong with them.
+
+    Of several files, those that cannot be read are named and left out; the exit code is 2 then.
 
     Args:
         files: Files, or folders of formats that are one; - is standard input.
@@ -68,11 +70,19 @@ def inspect(
         say_notes(against, other.notes)
     found: list[Inspection] = []
     for file in files:
-        found.append(inspect_file(file, format_name, options, reference))
+        try:
+            found.append(inspect_file(file, format_name, options, reference))
+        except FileError as error:
+            if len(files) == 1:
+                raise
+            warn(f"skipped: {error}")
+            continue
         if form not in ("csv", "json"):
             show_inspection(found[-1], form)
     if form in ("csv", "json"):
         show([table_of(inspection) for inspection in found], form, found)
+    if len(found) < len(files):
+        raise VioAprError(f"{len(files) - len(found)} of {len(files)} files cannot be read")
 
 
 def show_inspection(inspection: Inspection, form: str) -> None:

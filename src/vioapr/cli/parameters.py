@@ -36,8 +36,6 @@ class Parameter:
     @property
     def is_required(self) -> bool:
         """Whether it must be given."""
-        if self.is_positional and self.flag.startswith("["):
-            return False
         return self.default is inspect.Parameter.empty
 
     @property
@@ -69,6 +67,7 @@ def _walk(owner: Any, defaults: dict[str, Any], outer: tuple[str, ...]) -> Itera
         is_positional = "Positional" in markers_by_name
         if is_positional:
             flag = next(filter(None, (one.metavar for one in configured)), name.upper())
+            flag = flag.strip("[]")  # of several files, the parser would take none; verbs do not
         is_switch = kind is bool and defaults[name] is not inspect.Parameter.empty
         yield Parameter(
             owner=owner if isinstance(owner, type) else None,

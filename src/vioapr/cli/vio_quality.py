@@ -8,9 +8,10 @@ from typing import Annotated
 
 import tyro
 
-from vioapr.cli.console import progress, say
+from vioapr.cli.console import progress, say, warn
 from vioapr.cli.streams import OutputFile
 from vioapr.cli.tables import Column, Format, Row, Table, Value, show
+from vioapr.errors import VioAprError
 from vioapr.evaluation.metrics import PoseErrors, summarize
 from vioapr.evaluation.vio_quality import VioQuality, VioQualityParams, analyze
 from vioapr.evaluation.vio_tables import group_tracks, share_within, steady, to_record
@@ -40,6 +41,8 @@ def vio_quality(
     the tracker's and the true motion between two frames. They need no alignment. APE and AOE
     are after rigid alignment on the first seconds; ATE after alignment of the whole track.
 
+    Walks that cannot be compared are named, a line each, and left out.
+
     Args:
         paths: Scenes; folders with walks (gt.* beside vio_<name>.*, or <walk>_gt.* beside
             <walk>_<name>.*); or the common beginning of one walk's files.
@@ -59,11 +62,19 @@ def vio_quality(
     check_outputs([json_out], read, overwrite=overwrite)
     if figures is not None:
         ResultFolder(figures, overwrite=overwrite).check(f"{name}.*" for name in VIO_FIGURES)
-    qualities = []
+    qualities: list[VioQuality] = []
+    problems: list[VioAprError] = []
     with progress("comparing walks", len(walks)) as tick:
         for walk in walks:
-            qualities += [analyze(track, params) for track in walk.read(tolerance_s)]
+            try:
+                qualities += [analyze(track, params) for track in walk.read(tolerance_s)]
+            except VioAprError as error:
+                problems.append(error)
             tick()
+    if not qualities:
+        raise problems[0]
+    for problem in problems:
+        warn(f"skipped: {problem}")
     record = to_record(qualities)
     table = table_of(qualities, params, [to_plain(track) for track in record.tracks])
     show([table], form, record, notes_of(qualities, params))

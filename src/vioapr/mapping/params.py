@@ -20,10 +20,11 @@ class MappingParams:
         max_image_size: Images are scaled down to this many pixels along their longer side
             before features are looked for.
         max_features: Features of an image at most.
-        sequential: Every image is matched with this many that follow it in its recording,
-        loops: with this many that look alike, of other recordings, other tracking worlds and other
-            times, and
-        spatial: with this many that are near and look the same way, by VIO and earlier matches.
+        sequential: Every image is matched with this many that follow it in its recording.
+        loops: Every image is matched with this many that look alike, of other recordings, other
+            tracking worlds and other times.
+        spatial: Every image is matched with this many that are near and look the same way, by VIO
+            and earlier matches.
         refine_intrinsics: Whether focal lengths are adjusted. auto: only those that the
             recordings do not know.
         min_inliers: Points that must agree before an image of a test recording is registered.
