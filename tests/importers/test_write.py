@@ -193,6 +193,29 @@ def test_intrinsics_that_cannot_be_are_left_out(scene, tmp_path):
     assert "intrinsics: those of 20 frames are left out" in texts(walk, warnings=True)
 
 
+@pytest.mark.parametrize(
+    "camera",
+    [
+        (np.inf, 12, 20, 21, 8, 6),
+        (16, 1e300, 20, 21, 8, 6),
+        (-16, 12, 20, 21, 8, 6),
+        (16.5, 12, 20, 21, 8, 6),
+        (16, 12, np.inf, 21, 8, 6),
+        (16, 12, 20, 1e308, 8, 6),
+        (np.nan, np.nan, 20, 21, 1e308, 6),
+        (np.nan, np.nan, 20, 21, -np.inf, 6),
+        (0, 0, 0, 0, 0, 0),
+    ],
+)
+def test_numbers_that_no_camera_has(camera, scene, tmp_path):
+    walk, write = import_stray(scene, make_stray(tmp_path / "scan"))
+    walk.intrinsics = Intrinsics(*(np.full(COUNT, float(value)) for value in camera))
+    frames = write().recording("scan").frames
+    assert (frames.intrinsics.width == 16).all()
+    assert "intrinsics: those of 20 frames are left out" in texts(walk, warnings=True)
+    assert not check_scene(scene.folder).errors
+
+
 def test_a_diverging_tracker_is_left_out_of_the_splits(scene, tmp_path):
     (walk,) = read_walks(STRAY, make_stray(tmp_path / "scan", 200))
     walk.vio_from_cam.translation_m[:] *= 30

@@ -18,6 +18,7 @@ _SCALES = (1.25, 4 / 3, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 # A principal point is near the middle, so cameras without size show theirs by it: within some
 # per cent, where images were scaled by a common factor.
 _NEAR, _ROUNDING = 0.16, 0.05
+_MOST_PIXELS = 1e6
 _FACTORS = (*_SCALES, *(1 / scale for scale in _SCALES))
 
 
@@ -164,9 +165,10 @@ def drop_impossible_intrinsics(walk: Walk) -> None:
     table = np.array([np.broadcast_to(column, len(walk)) for column in walk.intrinsics])
     size, pinhole = table[:2], table[2:]
     with np.errstate(invalid="ignore"):
-        is_odd_size = ~((size >= 1) & (size == np.round(size))).all(axis=0)
-        is_odd = ~((pinhole[:2] > 0) & np.isfinite(pinhole[:2])).all(axis=0)
-        is_odd |= np.isinf(pinhole).any(axis=0)
+        is_size = (size >= 1) & (size <= _MOST_PIXELS) & (size == np.round(size))
+        is_odd_size = ~is_size.all(axis=0)
+        is_odd = ~((pinhole[:2] > 0) & (pinhole[:2] <= _MOST_PIXELS)).all(axis=0)
+        is_odd |= (np.abs(pinhole) > _MOST_PIXELS).any(axis=0)
     is_wrong = np.isfinite(size).any(axis=0) & is_odd_size
     is_wrong |= ~np.isnan(pinhole).all(axis=0) & is_odd
     if is_wrong.any():

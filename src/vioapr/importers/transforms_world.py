@@ -79,6 +79,8 @@ def find_maker(found: Transforms, poses: Rigid3) -> tuple[bool, str, str]:
         return True, "as NeRFCapture writes ARKit's poses", "ARKit"
     if found.times() is not None:
         return True, "as frames with timestamps are a tracker's", ""
+    if found.has("camera_linear_velocity") or found.has("camera_angular_velocity"):
+        return True, "as Spectacular AI writes a tracker's poses with velocities", "Spectacular AI"
     signs = [key for key in ("sharpness", "aabb_scale") if found.has(key)]
     signs += ["lens distortion"] if found.is_distorted else []
     signs += ["sparse_pc.ply"] if found.members.get("ply_file_path") == "sparse_pc.ply" else []
