@@ -114,6 +114,15 @@ EXAMPLES = {
         json.dumps([{"id": 0, "img_name": "a/b.png", "position": POSITION, "rotation": ROTATION}]),
     ),
     "open3d": ("a.log", "0 0 1\n" + "\n".join(" ".join(map(str, row)) for row in MATRIX)),
+    "open3d, JSON": (
+        "trajectory.json",
+        json.dumps(
+            {
+                "class_name": "PinholeCameraTrajectory",
+                "parameters": [{"extrinsic": np.linalg.inv(MATRIX).ravel(order="F").tolist()}],
+            }
+        ),
+    ),
     "metashape": (
         "cameras.xml",
         '<document version="1.5.0"><chunk><cameras><camera id="0" label="a/b.png"><transform>'

@@ -59,6 +59,9 @@ def test_other_angles_are_not_guessed(tmp_path):
     path.write_text("#name,x,y,alt,omega,phi,kappa\na.jpg,1,2,3,0,0,0\n")
     with pytest.raises(FormatError, match=":1: .*export heading, pitch, roll instead of omega"):
         read_trajectory(path)
+    path.write_text("a.jpg,1,2,3,0,0,0\n")
+    with pytest.raises(FormatError, match=r"expected a header #name,x,y,alt,.*; found none"):
+        read_trajectory(path, "realitycapture")
 
 
 @pytest.mark.parametrize(

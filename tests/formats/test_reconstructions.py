@@ -155,6 +155,8 @@ def test_scannetpp_by_hand(tmp_path):
         ("open3d", "0 0 1\n1 0 0 0\n0 1 0 0\n", ":1: .*got a pose cut off"),
         ("open3d", "\n", "got none"),
         ("open3d", "0 0 1\n" + "2 0 0 0\n" * 4, ":1: expected a rotation matrix"),
+        ("open3d", "{}", 'a list "parameters"'),
+        ("open3d", {"parameters": [{}]}, '"extrinsic" as a list of 16'),
         ("3dgs", "{}", "expected a list of cameras"),
         ("3dgs", [], "expected a list of cameras"),
         ("3dgs", [{"position": [0, 0, 0]}], ':1: expected a camera with a text "img_name"'),

@@ -1,7 +1,8 @@
 """OpenSfM's and OpenDroneMap's `reconstruction.json`: `shots` with `rotation` and `translation`.
 
 Cam_from_world: an axis-angle rotation in radians and p_cam = R p_world + t, OpenCV axes; the world
-is z up. Stated by its makers: mapillary/OpenSfM, doc/source/geometry.rst ("Camera Coordinates").
+is z up where satellites were seen, and about so otherwise. Stated by its makers: mapillary/OpenSfM,
+doc/source/geometry.rst ("Camera Coordinates").
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ FORMAT = Format(
     title="OpenSfM or OpenDroneMap reconstruction.json",
     convention=(
         "JSON shots with axis-angle rotation and translation; cam_from_world (t is not the "
-        "camera's position), OpenCV axes, z-up world, no times"
+        "camera's position), OpenCV axes, no times"
     ),
     extensions=(".json",),
     sniff=sniff,

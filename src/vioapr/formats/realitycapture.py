@@ -62,7 +62,8 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     missing = [name for name in _COLUMNS if name not in names]
     if missing:
         hint = ": export heading, pitch, roll instead of omega, phi, kappa" * ("omega" in names)
-        problem = f"expected a header #{','.join(_COLUMNS)}, without {', '.join(missing)}{hint}"
+        lacks = "it has no " + ", ".join(missing) if found else "found none"
+        problem = f"expected a header #{','.join(_COLUMNS)}; {lacks}{hint}"
         raise FormatError(path, problem, None if found is None else found[0] + 1)
     width = len(names)
     rows = parse_rows(path, text, range(width, width + 1), what=",".join(names), delimiter=",")
