@@ -70,14 +70,14 @@ def gt_of_world_from_cam(world_from_cam: Rigid3) -> Rigid3:
 def _sniff(path: Path, head: bytes, *, is_tracker: bool) -> float:
     guesses = guess_formats(head)
     guess = guesses.get("advio-vio" if is_tracker else "advio-gt", 0.0)
-    if not guesses.keys() & {"advio-vio", "advio-gt"}:
-        return guess
-    # The data set's own names: advio-01/iphone/arkit.csv, advio-01/ground-truth/pose.csv.
+    # The data set's own names: advio-01/iphone/arkit.csv, advio-01/ground-truth/pose.csv. The
+    # short ones are also other people's, and do not count against the rows.
     name = plain_name(path)
-    is_own = name in ("arkit.csv", "arcore.csv", "pose.csv") or "advio" in name
+    is_own = "advio" in name and guesses.keys() & {"tum", "euroc"}
+    is_alike = name in ("arkit.csv", "arcore.csv", "pose.csv") and "advio-gt" in guesses
     names_tracker = any(word in name for word in ("arkit", "arcore"))
     names_truth = not names_tracker and ("gt_pose" in name or name == "pose.csv")
-    if is_own and (names_tracker or names_truth):
+    if (is_own or is_alike) and (names_tracker or names_truth):
         return 0.9 if is_tracker == names_tracker else 0.1
     return guess
 

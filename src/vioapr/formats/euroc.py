@@ -37,7 +37,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     # Whole numbers are nanoseconds by the format, unless they are dates in another unit.
     is_date = find_time_unit(np.array(columns.ticks, dtype=np.float64)).is_date
     is_whole = all(isinstance(tick, int) for tick in columns.ticks)
-    fixed = "ns" if is_whole and not is_date else None
+    fixed = columns.time_unit or ("ns" if is_whole and not is_date else None)
     times = seconds_of(path, columns.ticks, options, fixed)
     return build_trajectory(columns.rows, times, poses, options, source="body")
 

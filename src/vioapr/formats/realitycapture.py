@@ -27,6 +27,7 @@ from vioapr.trajectory import Trajectory
 _COLUMNS = ("name", "x", "y", "alt", "heading", "pitch", "roll")
 _OTHER_NAMES = {"z": "alt", "altitude": "alt", "yaw": "heading"}
 _MAX_DEG = 1e6
+_GIMBAL_LOCK = 1e-7
 
 
 def sniff(path: Path, head: bytes) -> float:
@@ -100,9 +101,14 @@ def write(path: Path, trajectory: Trajectory) -> None:
     names = writable_names(trajectory, ",")
     poses = conventions.cam_from_world(trajectory.target_from_source)
     matrices = poses.to_matrix()
-    pitch = np.arctan2(-matrices[:, 1, 2], np.hypot(matrices[:, 1, 0], matrices[:, 1, 1]))
+    cos_pitch = np.hypot(matrices[:, 1, 0], matrices[:, 1, 1])
+    pitch = np.arctan2(-matrices[:, 1, 2], cos_pitch)
     heading = np.arctan2(-matrices[:, 1, 0], -matrices[:, 1, 1])
     roll = np.arctan2(-matrices[:, 0, 2], -matrices[:, 2, 2])
+    # Of a level camera (pitch 90), heading and roll turn about one axis: heading has it all.
+    is_level = cos_pitch < _GIMBAL_LOCK
+    heading = np.where(is_level, np.arctan2(-matrices[:, 0, 1], matrices[:, 0, 0]), heading)
+    roll = np.where(is_level, 0.0, roll)
     angles = np.degrees(np.column_stack([heading, pitch, roll]))
     columns = np.column_stack([trajectory.position_m, angles]).tolist()
     rows = [(name, *row) for name, row in zip(names, columns, strict=True)]

@@ -83,7 +83,7 @@ def _guess_numbers(table: TableHead) -> dict[str, float]:
     if any(len(row) != table.width for row in table.rows):
         return {}
     values = table.numbers()[:, :width]
-    is_number_column = np.isfinite(values).any(axis=0)
+    is_number_column = np.asarray(np.isfinite(values).any(axis=0))
     if width < 8 or not is_number_column[:8].all():
         return {}
     if width in (12, 13, 16, 17) and is_number_column.all():
@@ -122,7 +122,8 @@ def _guess_pose_rows(table: TableHead, values: NDArray[np.float64]) -> dict[str,
             return {"euroc": 0.85, "tum": 0.2}
         if not has_commas or abs(forward) < _FORWARD:
             return {"euroc": 0.5, "tum": 0.4, **({"advio-vio": 0.45} if has_commas else {})}
-        return {("euroc" if forward > 0 else "advio-vio"): 0.7, "advio-gt": 0.2, "tum": 0.2}
+        best, other = ("euroc", "advio-vio") if forward > 0 else ("advio-vio", "euroc")
+        return {best: 0.7, other: 0.3, "advio-gt": 0.2, "tum": 0.2}
     if not has_commas:
         return {"tum": 0.7 if values.shape[1] == 8 else 0.65}
     if is_ns:

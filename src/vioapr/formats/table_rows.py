@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.files.tables import Rows, is_missing, is_number, split_rows
 from vioapr.files.text import read_text
-from vioapr.formats.base import HEAD_BYTES, ReadOptions
+from vioapr.formats.base import HEAD_BYTES, ReadOptions, TimeUnit
 from vioapr.formats.poses import poses_of
 from vioapr.formats.table_head import COMMENTS, TableHead, look_at
 from vioapr.geometry.rigid import Rigid3
@@ -32,12 +32,14 @@ class Columns:
         values: The columns asked for as numbers, shape (n, columns).
         ticks: The first of them, whole numbers exact.
         texts: The column asked for as text, or None.
+        time_unit: Unit of the times, where the header names it.
     """
 
     rows: Rows
     values: NDArray[np.float64]
     ticks: list[int | float]
     texts: list[str] | None
+    time_unit: TimeUnit | None = None
 
 
 def read_columns(
@@ -81,11 +83,12 @@ def read_columns(
         _replace_dates(selected)
         parts.append(selected.numbers(slice(None)))
         ticks += selected.ticks(0)
-        kept += [row[texts].strip("\"'") for _, row in part] if texts is not None else []
+        if texts is not None:
+            kept += [row[texts].strip("\"'") for _, row in part]
         out.lines.extend(lines)
     if not out.lines:
         raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
-    out.fields.extend([[]] * len(out.lines))
+    out.fields.extend([] for _ in out.lines)
     return Columns(out, np.concatenate(parts), ticks, kept if texts is not None else None)
 
 
@@ -128,6 +131,8 @@ def read_ordered(
         line = head.header_lines + 1
         raise FormatError(path, f"expected 8 columns ({what}), got {head.width}", line)
     columns = read_columns(path, head, text, range(8), None, what)
+    if layout is not None:
+        columns = replace(columns, time_unit=layout.time_unit)
     further = sum(not is_missing(field) for field in head.rows[0][8:])
     say_passed_over(path, options, further)
     order = slice(4, 8) if quat_order == "xyzw" else [5, 6, 7, 4]

@@ -14,6 +14,7 @@ from vioapr.formats.times import seconds_of
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp x y z qx qy qz qw"
+_WRITTEN_COLUMNS = _COLUMNS.replace("timestamp", "timestamp[s]")
 
 
 def sniff(path: Path, head: bytes) -> float:
@@ -25,14 +26,14 @@ def sniff(path: Path, head: bytes) -> float:
 def read(path: Path, options: ReadOptions) -> Trajectory:
     """Read world_from_cam poses; commas, semicolons and tabs divide fields as spaces do.
 
-    Timestamps are in seconds, or in a unit that their values tell. Columns after the
+    Timestamps are in seconds, or in a unit that a comment or their values tell. Columns after the
     quaternion, as of covariances, are passed over.
 
     Raises:
         FileError: It cannot be read or is malformed, naming file and line.
     """
     columns, poses = read_ordered(path, options, _COLUMNS, "xyzw")
-    times = seconds_of(path, columns.ticks, options)
+    times = seconds_of(path, columns.ticks, options, columns.time_unit)
     return build_trajectory(columns.rows, times, poses, options)
 
 
@@ -47,7 +48,7 @@ def write(path: Path, trajectory: Trajectory) -> None:
     columns = pose_columns(trajectory.target_from_source)
     times = trajectory.timestamp_s.tolist()
     rows = [(time, *row) for time, row in zip(times, columns, strict=True)]
-    write_text(path, f"# {_COLUMNS}\n" + format_rows(rows, " "))
+    write_text(path, f"# {_WRITTEN_COLUMNS}\n" + format_rows(rows, " "))
 
 
 FORMAT = Format(
