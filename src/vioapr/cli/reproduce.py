@@ -15,9 +15,10 @@ from vioapr.cli.tables import Column, Format, Row, Table, show
 from vioapr.cli.torch_extra import require_torch
 from vioapr.recipes.datasets import DATA_SETS
 from vioapr.recipes.paper import MODELS, changed
-from vioapr.recipes.report import Report, TextTable, write_report
+from vioapr.recipes.report import JSON_FILE, MARKDOWN_FILE, Report, TextTable, write_report
 from vioapr.recipes.reproduce import Request, reproduce
 from vioapr.recipes.trainings import TRAININGS_FOLDER
+from vioapr.work.results import ResultFolder
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,9 @@ class Options:
     """Of everything random."""
     weights_posenet: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Pretrained weights of ResNet-34, with torchvision's names."""
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Replace a reproduction.md and reproduction.json that were not written here, or were changed
+    since."""
     weights_ms_transformer: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Pretrained weights of EfficientNet-B0, with torchvision's names."""
 
@@ -119,10 +123,14 @@ def _reproduce(name: str, data: Path, out: Path, form: str, options: Options) ->
         tuple(split_names(options.models)), change,
         weights,
     )  # fmt: skip
+    results = ResultFolder(out, overwrite=options.overwrite)
+    results.check([MARKDOWN_FILE, JSON_FILE])
     report = reproduce(request, progress, log)
     print_report(report, form)
-    for path in write_report(report, out):
-        say(f"written: {path}")
+    with results.adding() as new:
+        written = write_report(report, new)
+    for path in written:
+        say(f"written: {out / path.name}")
     if DATA_SETS[name].has_tracker:
         say(f"figures: vioapr evaluate {out / TRAININGS_FOLDER} --report {out / 'report'}")
 

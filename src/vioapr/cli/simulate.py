@@ -35,7 +35,7 @@ def simulate_courtyard(
     recordings a split.
 
     Args:
-        out: The scene's folder; must hold no scene yet.
+        out: The scene's folder: new or empty. It appears when the scene is whole.
         preset: full: 4 + 2 recordings of 90 s at 10 Hz. small: 2 + 1 of 10 s, in seconds.
         seed: The same seed gives the same scene.
         train: Recordings to train and map with; by default the preset's, as all that follow.

@@ -32,6 +32,7 @@ from vioapr.recipes.trainings import (
 )
 from vioapr.scene.scene import Scene
 from vioapr.schemas.reproduction import ImageCounts, ReproducedTraining, Reproduction
+from vioapr.work.locks import locked_folder
 from vioapr.work.progress import Progress
 
 
@@ -69,6 +70,7 @@ def reproduce(
         say: Called with a line on every part that is done.
 
     Raises:
+        LockedError: Another process reproduces in the folder.
         VioAprError: Something is not as it should be; all that is finished stays.
     """
     data_set = request.data_set
@@ -82,6 +84,20 @@ def reproduce(
         request.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UnwritableError.of(request.out, error) from None
+    with locked_folder(request.out):
+        return _reproduce_alone(request, found, trainings, progress, say)
+
+
+def _reproduce_alone(
+    request: Request,
+    found: FoundScenes,
+    trainings: Sequence[Training],
+    progress: Progress,
+    say: Callable[[str], object],
+) -> Report:
+    """Do what is left, in a folder that no other process reproduces in; see `reproduce`."""
+    data_set, models = request.data_set, choose_models(request.models)
+    wanted = choose_scenes(data_set, request.scenes)
     for training in trainings:
         keep_settings(training)
     scenes = {

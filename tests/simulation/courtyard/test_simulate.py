@@ -112,11 +112,41 @@ def test_a_scene_that_exists_is_kept(scene):
 
 
 @pytest.mark.slow
-def test_errors_of_workers_arrive(rendering, tmp_path):
-    (tmp_path / "scene" / "recordings").mkdir(parents=True)
-    (tmp_path / "scene" / "recordings" / "train-02").touch()
+def test_errors_of_workers_arrive(rendering, tmp_path, monkeypatch):
+    """And nothing is left behind."""
+    create = Scene.create
+
+    def create_with_a_file_in_the_way(folder, *args, **kwargs):
+        scene = create(folder, *args, **kwargs)
+        (folder / "recordings").mkdir()
+        (folder / "recordings" / "train-02").touch()
+        return scene
+
+    monkeypatch.setattr(Scene, "create", create_with_a_file_in_the_way)
     with pytest.raises(Exception, match="train-02"):
         simulate(tmp_path / "scene", TINY, workers=2)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_of_the_user_is_kept(rendering, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(AlreadyExistsError, match="expected a new or empty folder, found other"):
+        simulate(tmp_path, TINY, workers=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_an_interrupted_simulation_leaves_nothing(rendering, tmp_path):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    one = replace(TINY, train=1, test=0, duration_s=2.0)
+    (tmp_path / "scene").mkdir()  # empty folders may be there
+    with pytest.raises(KeyboardInterrupt):
+        simulate(tmp_path / "scene", one, workers=1, tick=interrupt)
+    assert [path.name for path in tmp_path.iterdir()] == ["scene"]
+    simulate(tmp_path / "scene", one, workers=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["scene"]
+    assert (tmp_path / "scene" / "scene.toml").exists()
 
 
 def test_plans_cover_both_splits():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
+import signal
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -11,13 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vioapr.errors import ParameterError, VioAprError
-from vioapr.scene.scene import Scene
+from vioapr.errors import AlreadyExistsError, ParameterError, UnwritableError, VioAprError
+from vioapr.files.atomic import sync, sync_folder
+from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.schemas.scene import World
 from vioapr.simulation.courtyard import devices, world
 from vioapr.simulation.courtyard.context import create_context
 from vioapr.simulation.courtyard.plan import CourtyardParams, Plan, plan_recordings
 from vioapr.simulation.courtyard.record import make_renderer, record
+from vioapr.work.locks import locked_folder
 from vioapr.work.progress import Tick, ignore
 
 
@@ -44,7 +48,8 @@ def simulate(
     Raises:
         MissingExtraError: moderngl is not installed.
         RenderingError: This machine cannot render.
-        AlreadyExistsError: There is a scene already.
+        AlreadyExistsError: The folder holds something already.
+        LockedError: Another process simulates this scene.
         UnwritableError: It cannot be written.
     """
     params = params or CourtyardParams()
@@ -54,14 +59,43 @@ def simulate(
         raise ParameterError(f"workers: expected at least 1, got {workers}")
     create_context().release()  # fails before anything is written
     plans = plan_recordings(params)
-    scene = Scene.create(
-        folder, "Simulated courtyard", is_outdoor=True, world=World(origin=devices.ORIGIN)
-    )
-    place = world.build(seed, params.texture_px_per_m)
-    for plan in _record_all(scene, place, plans, params, seed, workers, tick):
-        scene = scene.with_recording(plan.id_, plan.split)
-    scene.save()
-    return scene
+    check_new(folder)
+    # The scene appears when it is whole; what a killed simulation left is begun again.
+    target = Path(os.path.realpath(folder))
+    work = target.with_name(f".{target.name}.simulating")
+    with locked_folder(work):
+        try:
+            partial = work / "scene"
+            shutil.rmtree(partial, ignore_errors=True)
+            scene = Scene.create(
+                partial, "Simulated courtyard", is_outdoor=True, world=World(origin=devices.ORIGIN)
+            )
+            place = world.build(seed, params.texture_px_per_m)
+            for plan in _record_all(scene, place, plans, params, seed, workers, tick):
+                scene = scene.with_recording(plan.id_, plan.split)
+            scene.save()
+            sync_folder(partial)
+            partial.replace(target)  # also of an empty folder
+            sync(target.parent)
+        except OSError as error:
+            raise UnwritableError.of(folder, error) from None
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+    return Scene.open(folder)
+
+
+def check_new(folder: Path) -> None:
+    """See that a scene can be made in a folder: it is new, or empty.
+
+    Raises:
+        AlreadyExistsError: It holds something, or is a file.
+    """
+    if (folder / SCENE_FILE).exists():
+        problem = "expected to make a new scene, but it exists"
+        raise AlreadyExistsError(folder / SCENE_FILE, problem)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        found = "other files" if folder.is_dir() else "a file"
+        raise AlreadyExistsError(folder, f"expected a new or empty folder, found {found}")
 
 
 def _record_all(
@@ -88,14 +122,20 @@ def _record_all(
     given = (scene, place, params, seed, frames_done)
     with few_threads(count), ProcessPoolExecutor(count, context, _start_worker, given) as pool:
         pending: set[Future[str | None]] = {pool.submit(_work, plan) for plan in plans}
-        while pending:
-            done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-            while shown < frames_done.value:
-                tick()
-                shown += 1
-            for problem in filter(None, map(_problem_of, done)):
-                pool.shutdown(cancel_futures=True)
-                raise VioAprError(problem)
+        try:
+            while pending:
+                done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+                while shown < frames_done.value:
+                    tick()
+                    shown += 1
+                for problem in filter(None, map(_problem_of, done)):
+                    pool.shutdown(cancel_futures=True)
+                    raise VioAprError(problem)
+        except KeyboardInterrupt:
+            # The pool would wait for the recordings that they are rendering.
+            for process in multiprocessing.active_children():
+                process.kill()
+            raise
     yield from plans
 
 
@@ -127,6 +167,7 @@ _worker: dict[str, Any] = {}
 def _start_worker(
     scene: Scene, place: world.World, params: CourtyardParams, seed: int, frames_done: Any
 ) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the first process tells
     _worker.update(scene=scene, place=place, params=params, seed=seed, frames_done=frames_done)
 
 
