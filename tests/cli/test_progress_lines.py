@@ -1,3 +1,9 @@
+import io
+
+import pytest
+from rich.console import Console
+
+from vioapr.cli import console
 from vioapr.cli.console import log, progress
 from vioapr.cli.progress_lines import ProgressLines, format_duration, format_rate
 
@@ -56,6 +62,15 @@ def test_without_a_terminal_lines_go_to_standard_error(capsys, monkeypatch):
     assert "\x1b" not in err
     log("[brackets] stay")
     assert capsys.readouterr().err == "[brackets] stay\n"
+
+
+@pytest.mark.parametrize(
+    ("term", "is_watched"), [("xterm", True), ("dumb", False), ("unknown", False)]
+)
+def test_a_dumb_terminal_gets_lines(term, is_watched, monkeypatch):
+    terminal = Console(file=io.StringIO(), force_terminal=True, _environ={"TERM": term})
+    monkeypatch.setattr(console, "error_console", terminal)
+    assert console.is_watched() == is_watched
 
 
 def test_durations_and_rates_are_as_people_say_them():

@@ -1,7 +1,9 @@
 import io
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -101,3 +103,25 @@ def test_a_pipe_of_verbs_is_clean(walk_dir):
     assert done.returncode == 0, done.stderr
     assert [len(line.split()) for line in done.stdout.splitlines()] == [12, 12]
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("how", [(), ("--format", "csv")])
+def test_a_full_standard_output_is_said_in_a_line(walk_dir, how):
+    command = [sys.executable, "-m", "vioapr", "inspect", walk_dir / "gt.tum", *how]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "error: standard output: cannot be written: No space left on device\n"
+
+
+def test_signs_that_a_terminal_does_not_have_are_no_failure(walk_dir):
+    command = [sys.executable, "-m", "vioapr", "vio-quality", walk_dir]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "APE m / AOE \\xb0" in done.stdout
+    data = subprocess.run(
+        [*command, "--format", "json"], capture_output=True, timeout=60, env=environment
+    )
+    assert json.loads(data.stdout.decode("utf-8"))

@@ -18,6 +18,10 @@ from vioapr.runtime.bench import bench
 from vioapr.schemas.base import encode
 from vioapr.schemas.bench import BenchResult
 
+_SHARES = (
+    "share: of the whole, or of the parts' sum where they take longer alone than together; the "
+    "parts' shares, with what is between them, make 100 %."
+)
 _LABELS = {
     "whole": "whole localizer",
     "preprocess": "image to network input",
@@ -124,4 +128,5 @@ def notes_of(found: BenchResult) -> list[str]:
         + ("not exposed by this machine" if energy is None else f"{1e3 * energy:.1f} mJ a frame"),
         found.machine,
     ]
-    return ["; ".join(facts), *([found.note] if found.note else [])]
+    shares = [_SHARES] if len(found.ms) > 1 else []
+    return ["; ".join(facts), *shares, *([found.note] if found.note else [])]

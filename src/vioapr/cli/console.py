@@ -114,9 +114,11 @@ def with_flags(text: str) -> str:
 
 
 def emit(text: str) -> None:
-    """Print data on standard output, and nothing but them."""
+    """Print data on standard output, and nothing but them; they are UTF-8 whatever it is."""
     if _IS_FIRST:
-        sys.stdout.write(renamed(text))
+        sys.stdout.flush()
+        sys.stdout.buffer.write(renamed(text).encode())
+        sys.stdout.buffer.flush()
 
 
 def send_messages_aside() -> None:

@@ -6,6 +6,8 @@ mistyped verbs should not wait for NumPy.
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -35,6 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is None:
         raise_on_signals()
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):  # a sign that it has not is no reason to fail
+                stream.reconfigure(errors="backslashreplace")
     words = sys.argv[1:] if arguments is None else list(arguments)
     try:
         run(words)
@@ -43,12 +48,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}{describe_full_disk(error, words)}", file=sys.stderr)
         return MENDABLE
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        close_stdout()
         return DONE
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+            raise
+        close_stdout()
+        where = error.filename or "standard output"
+        print(f"error: {where}: cannot be written: {error.strerror}", file=sys.stderr)
+        return MENDABLE
     except KeyboardInterrupt as stop:
         print(describe_stop(stop, words), file=sys.stderr)
         return exit_code_of(stop)
     return DONE
+
+
+def close_stdout() -> None:
+    """Give up standard output: what is still to be written would fail again at the end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def run(arguments: list[str]) -> None:
