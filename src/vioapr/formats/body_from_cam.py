@@ -128,8 +128,8 @@ def estimate_body_from_cam(
     found = compared.hand_eye
     if found is None:
         raise AssociationError(
-            "vio_from_cam: the walk turns too little to estimate the rotation between the "
-            "tracker's body and the camera: give a file with body_from_cam"
+            "vio_from_cam: the motion does not tell the rotation between the tracker's body and "
+            "the camera (too little motion, or two walks?): give a file with body_from_cam"
         )
     fit = next(fit for fit in compared.fits if fit.title == HAND_EYE_TITLE)
     if not compared.explains(fit):

@@ -16,12 +16,19 @@ import numpy as np
 from vioapr.errors import AssociationError
 from vioapr.formats.anomalies import check_motion
 from vioapr.formats.common_motion import CommonFrames, estimate_scale, find_common_frames
-from vioapr.formats.readings import HAND_EYE_TITLE, READINGS, Comparison, compare_readings
+from vioapr.formats.readings import (
+    HAND_EYE_TITLE,
+    READINGS,
+    Comparison,
+    compare_readings,
+    median_direction_deg,
+)
 from vioapr.formats.track_roles import are_same, are_swapped, jitter_m, spread_m
 from vioapr.formats.track_warnings import TrackWarning
 from vioapr.geometry import quaternion
 from vioapr.geometry.hand_eye import HandEye
 from vioapr.geometry.rigid import Rigid3
+from vioapr.schemas.inspection import Fit
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, nearest_rows
 from vioapr.trajectory.clock_offset import find_clock_offset
 
@@ -31,6 +38,7 @@ _UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _LENGTH_UNITS = {1000.0: "millimetres", 100.0: "centimetres", 3.28: "feet", 39.4: "inches"}
 _LEAST_SCALE, _TRUSTED_SCALE, _SCALE_SIGMAS = 1.5, 1.25, 3.0
 _CLEARLY_BETTER_SUSPECT = 0.8
+_FITTING_DIRECTION_DEG = 30.0
 _NO_FIT_TURNS, _NO_FIT_DIRECTION_DEG, _LEAST_TURN_DEG, _LEAST_PAIRS = 0.7, 45.0, 20.0, 5
 
 
@@ -212,22 +220,7 @@ def _check_convention(
     """
     first = of_suspect.better
     second = None if of_reference is None else of_reference.better
-    # Of two files that may be the wrong one, the suspect, unless the other fits clearly better.
-    is_reference = second is not None and (
-        first is None
-        or (
-            second.score_deg < _CLEARLY_BETTER_SUSPECT * first.score_deg
-            and HAND_EYE_TITLE not in (first.title, second.title)
-        )
-    )
-    is_either = first is not None and second is not None and not is_reference
-    if is_either and HAND_EYE_TITLE not in (first.title, second.title):
-        # The motion of each by itself may tell which of the two is wrong.
-        suspect_moves, reference_moves = (
-            check_motion(part) is None for part in (common.left, common.right)
-        )
-        is_either = suspect_moves == reference_moves
-        is_reference = suspect_moves and not reference_moves
+    is_reference, is_either = _find_wrong_one(first, second, common)
     if is_reference:
         assert of_reference is not None
         track, other, compared, fit = reference, suspect, of_reference, second
@@ -255,6 +248,27 @@ def _check_convention(
         )
     fixed = part.with_transforms(poses)
     return warning, replace(common, **{"right" if is_reference else "left": fixed})
+
+
+def _find_wrong_one(
+    first: Fit | None, second: Fit | None, common: CommonFrames
+) -> tuple[bool, bool]:
+    """Find whether it is the reference that is misread, and whether either may be.
+
+    Args:
+        first: The fit of the suspect's other reading, if one is better.
+        second: That of the reference.
+        common: Their frames, the suspect's left.
+    """
+    if first is None or second is None:
+        return second is not None, False
+    if HAND_EYE_TITLE in (first.title, second.title):
+        return False, False
+    if second.score_deg < _CLEARLY_BETTER_SUSPECT * first.score_deg:
+        return True, False
+    # The motion of each by itself may tell which of the two is wrong.
+    is_sound = [check_motion(part) is None for part in (common.left, common.right)]
+    return is_sound[0] and not is_sound[1], is_sound[0] == is_sound[1]
 
 
 def _warn_of_device(track: Track, other: Track, hand_eye: HandEye) -> TrackWarning:
@@ -307,6 +321,12 @@ def _check_scale(
         common: Their frames, the suspect's left, read so that directions agree.
         is_reference_known: See `check_pair`.
     """
+    moves = [
+        common.moves.motion(track.target_from_source).translation_m
+        for track in (common.left, common.right)
+    ]
+    if not median_direction_deg(*moves) < _FITTING_DIRECTION_DEG:
+        return  # tracks that move in other directions have no common scale
     noise = jitter_m(common.left) / max(jitter_m(common.right), 1e-12)
     inverse, sigma = estimate_scale(common, noise)
     if not inverse > 0:

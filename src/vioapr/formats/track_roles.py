@@ -11,6 +11,7 @@ from vioapr.trajectory import Trajectory
 _SAME_SHARE, _SAME_M = 0.95, 1e-6
 _CLEARLY_NOISIER, _NOISIER_WITH_A_CLUE, _LEAST_JITTER_M = 3.0, 1.4, 0.01
 _CLEAR_UP = 0.9
+_LEAST_JITTER_SHARE = 1e-3
 _ORIGIN_M = 1e-3
 
 
@@ -30,13 +31,17 @@ def are_swapped(common: CommonFrames) -> bool:
     A regressor's positions jump about from frame to frame, a tracker's do not. Where the left
     world begins at its first pose, or is y up beside one that is z up, less of it tells.
     """
-    left_m, right_m = (jitter_m(track) for track in (common.left, common.right))
-    if right_m < _LEAST_JITTER_M:
+    right_m = jitter_m(common.right)
+    # Beside how far each goes: units may differ.
+    left_share, right_share = (
+        jitter_m(track) / max(spread_m(track), 1e-12) for track in (common.left, common.right)
+    )
+    if right_m < _LEAST_JITTER_M or right_share < _LEAST_JITTER_SHARE:
         return False
     left_up, right_up = (_up_axis(track) for track in (common.left, common.right))
     left_begins, right_begins = (_begins_at_origin(t) for t in (common.left, common.right))
     has_clue = (left_up == 1 and right_up == 2) or (left_begins and not right_begins)
-    return right_m > left_m * (_NOISIER_WITH_A_CLUE if has_clue else _CLEARLY_NOISIER)
+    return right_share > left_share * (_NOISIER_WITH_A_CLUE if has_clue else _CLEARLY_NOISIER)
 
 
 def jitter_m(track: Trajectory) -> float:
