@@ -10,6 +10,9 @@ from tests.localizers import pictures
 from vioapr.formats import conventions, tum
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
+from vioapr.scene.frames import Tracking
+from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.recording import RecordingInfo
 from vioapr.simulation.regressors import RegressorErrors
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
@@ -85,3 +88,20 @@ def test_a_body_is_turned_to_the_camera(files, walk, run, tmp_path):
 def test_an_uncertain_format_names_the_flag(files, fails, tmp_path):
     (tmp_path / "vio.tum").write_text("a/1.png 10 20 30 0.6 0 0.8 0\n")
     assert "--vio-format" in fails("localize", *files, "--out", tmp_path / "o.csv")
+
+
+def test_a_recording_is_to_be_imported_again(walk, model_of, run, tmp_path):
+    recording = tmp_path / "recording"
+    turned = conventions.world_from_arcam(walk.vio.target_from_source)
+    with RecordingWriter(recording, RecordingInfo(tracker="ARKit")) as writer:
+        for row, picture in enumerate(pictures(walk)):
+            time_s = float(walk.vio.timestamp_s[row])
+            writer.add_frame(time_s, f"{row}.png", picture, Tracking.NORMAL, turned.at(row))
+    code, _, err = run(
+        *("localize", "--model", model_of("vio-apr"), "--recording", recording),
+        *("--out", tmp_path / "o.csv"),
+    )
+    assert code == 0
+    (warning,) = err.splitlines()
+    assert "recording fits the file's predictions as OpenGL camera axes" in warning
+    assert warning.endswith("mend the poses where they are from, and import them again")

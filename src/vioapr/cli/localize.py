@@ -123,7 +123,8 @@ def localize_(
 
         walk = localize(localizer, frames, step)
     given = str(vio or recording or images), str(gt) if gt else ""
-    warn_of_tracks(check_localized(walk, *given), strict=strict)
+    found = check_localized(walk, *given, is_file=images is not None)
+    warn_of_tracks(found, strict=strict)
     write_fused_csv(out, walk.fused)
     say(f"{out}: {format_statuses(walk.fused)}")
     if frames.gt is not None:

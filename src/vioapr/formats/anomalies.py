@@ -105,8 +105,19 @@ def step_speeds(trajectory: Trajectory) -> NDArray[np.float64]:
 
 
 def check_speed(trajectory: Trajectory) -> TrackWarning | None:
-    """Find speeds of a timed trajectory that no hand-held camera has, all along."""
-    speeds = step_speeds(trajectory)
+    """Find speeds of a timed trajectory that no hand-held camera has, all along.
+
+    Over about a second, so that a regressor's noise from frame to frame is no speed.
+    """
+    step_s = float(np.median(np.diff(trajectory.timestamp_s)))
+    most = max(len(trajectory) // 4, 1)
+    span = most if step_s * most < 1 else max(round(1 / step_s), 1)
+    rows = np.arange(len(trajectory) - span)
+    moved = trajectory.position_m[rows + span] - trajectory.position_m[rows]
+    passed_s = trajectory.timestamp_s[rows + span] - trajectory.timestamp_s[rows]
+    with np.errstate(over="ignore"):
+        speeds = np.linalg.norm(moved, axis=1) / passed_s
+    speeds = np.minimum(speeds, np.finfo(np.float64).max / 4)
     duration_s = trajectory.timestamp_s[-1] - trajectory.timestamp_s[0]
     median, fastest = float(np.median(speeds)), float(np.quantile(speeds, 0.95))
     if median > MAX_SPEED_M_S:

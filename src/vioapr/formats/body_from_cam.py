@@ -17,7 +17,7 @@ from vioapr.errors import AssociationError, FormatError, ParameterError
 from vioapr.files.text import read_text
 from vioapr.formats.common_motion import find_common_frames
 from vioapr.formats.pair_checks import describe_rotation
-from vioapr.formats.readings import HAND_EYE_TITLE, compare_readings
+from vioapr.formats.readings import HAND_EYE_TITLE, OPENGL, compare_readings
 from vioapr.geometry import quaternion
 from vioapr.geometry.hand_eye import HandEye
 from vioapr.geometry.rigid import Rigid3
@@ -131,7 +131,8 @@ def estimate_body_from_cam(
             "vio_from_cam: the motion does not tell the rotation between the tracker's body and "
             "the camera (too little motion, or two walks?): give a file with body_from_cam"
         )
-    fit = next(fit for fit in compared.fits if fit.title == HAND_EYE_TITLE)
+    titles = (HAND_EYE_TITLE, OPENGL.title)  # nearly OpenGL's axes are compared as these
+    fit = next(fit for title in titles for fit in compared.fits if fit.title == title)
     if not compared.explains(fit):
         raise AssociationError(
             "vio_from_cam: no constant rotation between the tracker's body and the camera explains "

@@ -38,7 +38,9 @@ _EVIDENCE = 8.0
 _ABOUT_AS_GOOD = 0.8
 _FLOOR_DEG = 0.5
 _WORSE = 1.2
-_FITTING_TURN, _FITTING_DIRECTION_DEG = 0.6, 45.0
+_FITTING_TURN, _FITTING_DIRECTION_DEG = 0.55, 45.0
+_SAME_AXES_DEG = 12.0
+_HALF_TURN_ABOUT_X = np.array([1.0, 0.0, 0.0, 0.0])
 _LEAST_ROTATION_DEG = 8.0
 _LEAST_MOTION = 0.3
 
@@ -221,7 +223,11 @@ def compare_readings(common: CommonFrames) -> Comparison:
     poses = suspect.target_from_source
     fits = [(fit(reading.title, reading.change(poses)), reading.faults) for reading in READINGS]
     solved = find_hand_eye(common)
-    if solved is not None:
+    # A device turned to OpenGL's axes, or nearly, is a convention with a little tilt.
+    if solved is not None and not (
+        quaternion.angle_between_deg(solved.body_from_cam.quat_xyzw, _HALF_TURN_ABOUT_X)
+        < _SAME_AXES_DEG
+    ):
         fits.append((fit(HAND_EYE_TITLE, poses @ solved.body_from_cam), 2))
     return Comparison(
         tuple(_rank(fits)),

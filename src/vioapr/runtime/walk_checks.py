@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,13 +49,17 @@ def estimate_mount(
     return estimate_body_from_cam(vio, predictions)
 
 
-def check_localized(walk: LocalizedWalk, vio_path: str, gt_path: str = "") -> list[TrackWarning]:
+def check_localized(
+    walk: LocalizedWalk, vio_path: str, gt_path: str = "", *, is_file: bool = True
+) -> list[TrackWarning]:
     """Find what looks wrong with the tracker's poses of a localized walk.
 
     Args:
         walk: Frames and answers.
         vio_path: Where the poses are from.
         gt_path: And ground truth, if there is any.
+        is_file: Whether the poses are from a trajectory file, which can be converted, rather than
+            from a recording.
 
     Returns:
         Possibly none. A regressor that knows another place gives no warning: it may just be bad.
@@ -68,8 +73,12 @@ def check_localized(walk: LocalizedWalk, vio_path: str, gt_path: str = "") -> li
         None if gt is None else Track(gt_path or "ground truth", "gt", gt),
     )
     # What the exported file predicts is in our convention, and no warning can mend it.
-    return [
+    found = [
         warning
         for warning in found
         if warning.kind != "no-fit" and not warning.sentence.startswith(_PREDICTIONS)
     ]
+    if is_file:
+        return found
+    mend = "mend the poses where they are from, and import them again"
+    return [w if w.kind == "device" else replace(w, remedy=mend) for w in found]
