@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 from tests.importers.sources import COUNT, make_images, make_nerfstudio, read_walks, texts
 from tests.scene.scenes import jpeg, make_scene
 
@@ -201,14 +201,20 @@ def test_orientation_of_images(format):
         ((16, 12), 6, (16, 12)),
         ((12, 16), 6, (12, 16)),
         ((24, 32), 8, (12, 16)),
+        ((12, 16), 5, (12, 16)),
+        ((12, 16), 7, (12, 16)),
         ((12, 16), 3, (16, 12)),
         (None, 6, (16, 12)),
     ],
 )
 def test_the_intrinsics_decide_whether_an_orientation_counts(said, value, size):
-    picture = PictureReader().read(oriented(value, "png"), said)
+    content = oriented(value, "png")
+    picture = PictureReader().read(content, said)
     assert picture.size == size
     assert probe_bytes(picture.image)[:2] == size
+    with Image.open(io.BytesIO(content)) as stored, Image.open(io.BytesIO(picture.image)) as kept:
+        shown = ImageOps.exif_transpose(stored) if size[0] < size[1] else stored
+        np.testing.assert_array_equal(np.asarray(kept), np.asarray(shown))
 
 
 def test_upright_intrinsics_with_turned_pictures(tmp_path):
@@ -316,3 +322,31 @@ def test_symbolic_links_are_followed(link, tmp_path):
     assert not image.is_symlink()
     assert image.read_bytes() == jpeg(shade=4)
     assert scene.recording("images").frames.has_image.sum() == COUNT
+
+
+@pytest.mark.parametrize("kind", range(6))
+def test_damaged_pictures_are_named_and_never_raise(kind, tmp_path):
+    """Bytes changed, cut and added at random: what is taken can be read, the rest has a problem."""
+    contents = [
+        jpeg(),
+        grey_16(RAMP * 4000),
+        oriented(6),
+        oriented(6, "png"),
+        encoded(Image.fromarray(COLOUR).convert("CMYK"), "jpeg"),
+        encoded(Image.fromarray(COLOUR).quantize(20)),
+    ]
+    rng = np.random.default_rng(kind)
+    taken = 0
+    for _ in range(120):
+        content = bytearray(contents[kind])
+        for _ in range(int(rng.integers(1, 6))):
+            content[int(rng.integers(len(content)))] = int(rng.integers(256))
+        if rng.random() < 0.3:
+            content = content[: int(rng.integers(len(content)))] + b"\xff\xd9"
+        picture = PictureReader().read(bytes(content), (12, 16))
+        assert (picture.image is None) == (picture.problem is not None)
+        if picture.image is not None:
+            probe = probe_bytes(picture.image)
+            assert (probe.obstacle, (probe.width, probe.height)) == (None, picture.size)
+            taken += 1
+    assert 0 < taken < 120

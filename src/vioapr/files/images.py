@@ -95,7 +95,11 @@ def open_image(source: Path | str | bytes) -> Generator[ImageFile.ImageFile, Non
         file.seek(0)
         # Not Image.open: its limit of pixels is one for the whole process.
         kind = PngImagePlugin.PngImageFile if is_png else JpegImagePlugin.JpegImageFile
-        with kind(file) as image:
+        try:
+            image = kind(file)
+        except UserWarning as warning:  # of broken metadata, where warnings are errors
+            raise OSError(str(warning)) from None
+        with image:
             yield image
 
 

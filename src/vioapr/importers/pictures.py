@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL.Image import Image as PillowImage
+from PIL.Image import Transpose
 
 from vioapr.files.image_headers import (
     JPEG_MAGIC,
@@ -32,7 +34,11 @@ _BITS = (8, 9, 10, 12, 14, 16)
 # Thermal cameras use a narrow window far from 0.
 _NARROW = 0.25
 _DARK_8_BIT = 31
-_TURNED = (5, 6, 7, 8)
+# What undoes the orientations that exchange width and height.
+_TURNS = {
+    5: Transpose.TRANSPOSE, 6: Transpose.ROTATE_270, 7: Transpose.TRANSVERSE,
+    8: Transpose.ROTATE_90,
+}  # fmt: skip
 
 
 class Picture(NamedTuple):
@@ -158,7 +164,7 @@ class PictureReader:
 
     def _is_turned(self, probe: ImageProbe, said: _Size | None) -> bool:
         """Whether the source's intrinsics are of the image as a viewer turns it, not as stored."""
-        if said is None or probe.orientation not in _TURNED:
+        if said is None or probe.orientation not in _TURNS:
             return False
         stored, turned = probe.width / probe.height, probe.height / probe.width
         ratio = said[0] / said[1]
@@ -172,13 +178,12 @@ class PictureReader:
         Raises:
             ValueError: Its values cannot be told, or it is broken; also OSError and SyntaxError.
         """
-        from PIL.ImageOps import exif_transpose
-
-        with open_image(content) as image:
-            image.load()
+        with open_image(content) as opened:
+            opened.load()
+            image: PillowImage = opened
             if is_turned:
                 self._done["were turned as their EXIF orientation says, to fit the intrinsics"] += 1
-                exif_transpose(image, in_place=True)
+                image = opened.transpose(_TURNS[probe.orientation])
             if image.mode[0] == "I":
                 return self._to_8_bits(np.asarray(image).astype(np.int64))
             if probe.bits > 8:
