@@ -183,8 +183,16 @@ def test_folders_that_are_missing_or_empty(name, tmp_path):
     with pytest.raises(FormatError, match="expected a folder of .*found none"):
         read_trajectory(tmp_path, name)
     (tmp_path / "file").write_text("x")
-    with pytest.raises(FormatError, match="expected a folder of .*found none"):
+    with pytest.raises(FormatError, match="expected a folder of .*found a file: give the folder"):
         read_trajectory(tmp_path / "file", name)
+
+
+def test_a_frame_alone_is_named(tmp_path):
+    polycam = write_polycam(tmp_path / "p", [10**9]) / "keyframes" / "cameras" / f"{10**9}.json"
+    scanner_app = write_scanner_app(tmp_path / "s", 2) / "frame_00001.json"
+    for path, app in ((polycam, "Polycam"), (scanner_app, "3D Scanner App")):
+        with pytest.raises(FormatError, match=f"{app}.*found a file: give the folder it is in"):
+            read_trajectory(path)
 
 
 def test_a_scannet_folder_is_written_by_number(tmp_path):

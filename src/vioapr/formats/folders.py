@@ -52,9 +52,11 @@ def require_frames(path: Path, files: list[Path], wanted: str) -> list[Path]:
     if files:
         return files
     try:
-        exists = path.exists()
+        exists, is_file = path.exists(), path.is_file()
     except OSError as error:
         raise UnreadableError.of(path, error) from None
     if not exists:
         raise FileMissingError(path, f"expected {wanted}, found nothing of this name")
+    if is_file:
+        raise FormatError(path, f"expected {wanted}, found a file: give the folder it is in")
     raise FormatError(path, f"expected {wanted}, found none")

@@ -30,9 +30,9 @@ def _find_cameras(path: Path) -> list[Path]:
 
 
 def sniff(path: Path, head: bytes) -> float:
-    """Sure of a folder whose first camera file has Polycam's matrix."""
+    """Sure of a folder whose first camera file has the matrix; its reader refuses a file alone."""
     if head:
-        return 0.0
+        return 0.95 if head.lstrip()[:1] == b"{" and b'"t_23"' in head else 0.0
     try:
         files = _find_cameras(path)
         return 0.95 if files and '"t_23"' in read_text(files[0]) else 0.0

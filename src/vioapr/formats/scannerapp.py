@@ -22,9 +22,9 @@ _POSE = '"cameraPoseARFrame"'
 
 
 def sniff(path: Path, head: bytes) -> float:
-    """Sure of a folder whose first frame has the app's pose."""
+    """Sure of a folder whose first frame has the app's pose; its reader refuses a frame alone."""
     if head:
-        return 0.0
+        return 0.95 if head.lstrip()[:1] == b"{" and _POSE.encode() in head else 0.0
     try:
         files = find_frames(path, _PATTERN)
         return 0.95 if files and _POSE in read_text(files[0]) else 0.0
