@@ -35,6 +35,7 @@ FIGURES = ("median_m", "median_deg", "p95_m", "p95_deg")
 def export(model: Path, method: str, precision: str, scene: Path, out: Path) -> float:
     """One file; its size in MB."""
     words = ["export", model, "--method", method, "--precision", precision, "--out", out]
+    words.append("--overwrite")
     if precision == "int8-qdq":
         words += ["--calibration", scene]
     if code := vioapr([str(word) for word in words]):

@@ -87,7 +87,7 @@ def run(*arguments: object) -> float:
 
 def simulate(folder: Path, seed: int, options: str) -> Scene:
     """A courtyard, unless it is there."""
-    if not (folder / "preview.png").exists():  # the last file that is written
+    if not (folder / "scene.toml").exists():  # it appears when the scene is whole
         run("simulate", "courtyard", "--out", folder, "--seed", seed, *options.split())
     return Scene.open(folder)
 
@@ -105,7 +105,7 @@ def train(scenes: list[Scene], model: str, options: str, out: Path) -> dict[str,
 
 def judge(scene: Scene, run_folder: Path, out: Path) -> dict[str, Any]:
     """Predict the test recordings, fuse, compare."""
-    run("predict", scene.folder, "--model", run_folder, "--out", out)
+    run("predict", scene.folder, "--model", run_folder, "--out", out, "--overwrite")
     model = json.loads((run_folder / "regressor.json").read_text())["spec"]["model"]
     cases = [case for case in load_cases(find_walks([out])) if case.apr == model]
     params = default_params(METHODS_SHOWN)

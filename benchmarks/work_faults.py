@@ -112,25 +112,29 @@ def kill_rows(
     for case in cases:
         if not case.is_killed:
             continue
-        kept = same = ended = 0
+        ended = 0
         with make_places(case) as reference:
             began = time.monotonic()
             code, said = run(case.words(reference), reference.folder)
             assert code == 0, said
             seconds = time.monotonic() - began
             wanted = case.result(reference)
-        for _ in range(kills):
+        row = Row("kill", "kill -9", case.verb, 0, 0, 0, "", case.left)
+        for trial in range(kills):
             with make_places(case, wanted) as places:
                 delay_s = rng.uniform(0.1, 1.0) * seconds
                 code, _, is_kept = stop_at(case, places, signal.SIGKILL, delay_s)
                 ended += code == 0
                 finished = case.finished(places)
-                kept += is_kept
-                same += go_on(case, places) and finished <= case.finished(places)
-        happened = f"killed at a random moment of {seconds:.0f} s"
-        if ended:
-            happened += f" ({ended} had ended)"
-        note(Row("kill", "kill -9", case.verb, kills, kept, same, happened, case.left))
+                row.kept += is_kept
+                row.same = (row.same or 0) + (
+                    go_on(case, places) and finished <= case.finished(places)
+                )
+            row.trials = trial + 1
+            row.happened = f"killed at a random moment of {seconds:.0f} s"
+            if ended:
+                row.happened += f" ({ended} had ended)"
+            note(row)
 
 
 def signal_rows(cases: Sequence[Case], note: Callable[[Row], None]) -> None:
@@ -246,7 +250,8 @@ def main() -> None:
         rows = [r for r in rows if r.group not in chosen.only or r.verb not in chosen.verbs]
 
     def note(row: Row) -> None:
-        rows.append(row)
+        if row not in rows:  # those of many trials are noted after each
+            rows.append(row)
         print(f"{row.fault}, {row.verb}: {row.kept}, {row.same} of {row.trials}; {row.happened}")
         if chosen.json:
             write_json(chosen.json, {"rows": [asdict(one) for one in rows]})

@@ -45,7 +45,8 @@ def main() -> None:
         shipped = Path(temporary) / SCENE_FOLDER
         copy_scene(Scene.open(folder / "courtyard"), shipped)
         pack_folder(shipped, archive)
-    arguments = ("export", folder / "mobile", "--out", localizer, "--precision", PRECISION)
+    arguments = ("export", folder / "mobile", "--out", localizer, "--precision", PRECISION,
+                 "--overwrite")  # fmt: skip
     if code := vioapr([str(word) for word in arguments]):
         sys.exit(code)
     size_mb = sum(path.stat().st_size for path in (archive, localizer)) / 1e6

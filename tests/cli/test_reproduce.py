@@ -1,6 +1,7 @@
 import pytest
 
 from vioapr.recipes.datasets import DATA_SETS
+from vioapr.work.locks import locked_folder
 
 
 @pytest.fixture
@@ -51,3 +52,20 @@ def test_out_must_be_a_folder(fails, data, tmp_path):
     (tmp_path / "out").touch()
     line = fails("reproduce", "marvin", "--data", data, "--out", tmp_path / "out")
     assert "out: cannot be written" in line
+
+
+def test_a_report_of_the_user_is_kept(fails, data, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "reproduction.md").write_text("mine")
+    line = fails("reproduce", "marvin", "--data", data, "--out", out)
+    assert "reproduction.md: exists, and vioapr did not write it" in line
+    assert "or give --overwrite" in line
+    assert [path.name for path in out.iterdir()] == ["reproduction.md"]
+
+
+def test_one_process_reproduces_in_a_folder(fails, data, tmp_path):
+    out = tmp_path / "out"
+    with locked_folder(out):
+        line = fails("reproduce", "marvin", "--data", data, "--out", out)
+    assert "out: in use by process" in line

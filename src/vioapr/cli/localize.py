@@ -110,10 +110,10 @@ def localize_(
             frames = replace(turned, gt=frames.gt)
     localizer = OnnxLocalizer(model, threads=threads)
     watchers: list[viewing.BrowserView | viewing.RerunFile] = []
-    if view:
-        watchers.append(viewing.BrowserView(frames, say))
     if rrd is not None:
         watchers.append(viewing.RerunFile(frames, rrd))
+    if view:
+        watchers.append(viewing.BrowserView(frames, say))
     with progress("localizing", len(frames)) as tick:
 
         def step(located: Located) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vioapr.errors import MissingExtraError, UnwritableError
+from vioapr.files.atomic import replacing
 from vioapr.files.images import read_rgb
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
@@ -81,7 +83,8 @@ class BrowserView:
     def finish(self) -> None:
         """Keep the page until the user interrupts."""
         self._say("the page stays until you press Ctrl-C")
-        self.server.sleep_forever()
+        with suppress(KeyboardInterrupt):  # which is how this ends
+            self.server.sleep_forever()
 
 
 class RerunFile:
@@ -102,7 +105,9 @@ class RerunFile:
             raise UnwritableError(path, "cannot be written: its folder does not exist")
         self._rerun, self._frames, self._row = rerun, frames, 0
         self._stream = rerun.RecordingStream("vioapr")
-        self._stream.save(path)
+        # A walk that is interrupted leaves no half of a file, and an earlier one stays.
+        self._replaced = ExitStack()
+        self._stream.save(self._replaced.enter_context(replacing(path)))
         self._log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         if frames.gt is not None:
             path_m = rerun.LineStrips3D([frames.gt.position_m], colors=[_GT_RGB])
@@ -141,5 +146,6 @@ class RerunFile:
         self._log(f"{name}/place", rerun.Points3D([[0.0, 0.0, 0.0]], colors=[rgb]))
 
     def finish(self) -> None:
-        """Write what is left."""
+        """Write what is left, and put the file in place."""
         self._stream.flush()
+        self._replaced.close()
