@@ -12,8 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL.Image import Image as PillowImage
-from PIL.Image import Transpose
 
 from vioapr.files.image_headers import (
     JPEG_MAGIC,
@@ -35,10 +33,7 @@ _BITS = (8, 9, 10, 12, 14, 16)
 _NARROW = 0.25
 _DARK_8_BIT = 31
 # What undoes the orientations that exchange width and height.
-_TURNS = {
-    5: Transpose.TRANSPOSE, 6: Transpose.ROTATE_270, 7: Transpose.TRANSVERSE,
-    8: Transpose.ROTATE_90,
-}  # fmt: skip
+_TURNS = {5: "TRANSPOSE", 6: "ROTATE_270", 7: "TRANSVERSE", 8: "ROTATE_90"}
 
 
 class Picture(NamedTuple):
@@ -178,12 +173,15 @@ class PictureReader:
         Raises:
             ValueError: Its values cannot be told, or it is broken; also OSError and SyntaxError.
         """
+        from PIL.Image import Image as PillowImage
+        from PIL.Image import Transpose
+
         with open_image(content) as opened:
             opened.load()
             image: PillowImage = opened
             if is_turned:
                 self._done["were turned as their EXIF orientation says, to fit the intrinsics"] += 1
-                image = opened.transpose(_TURNS[probe.orientation])
+                image = opened.transpose(Transpose[_TURNS[probe.orientation]])
             if image.mode[0] == "I":
                 return self._to_8_bits(np.asarray(image).astype(np.int64))
             if probe.bits > 8:
