@@ -79,7 +79,7 @@ def assert_read_as_written(format_, written, reading):
 @pytest.mark.parametrize("format_", WRITTEN, ids=lambda format_: format_.name)
 @settings(
     deadline=None,
-    max_examples=25,
+    max_examples=15,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
 )
 @given(data=st.data())

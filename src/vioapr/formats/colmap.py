@@ -16,7 +16,8 @@ from vioapr.trajectory import Trajectory
 
 _COLUMNS = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
 _FILE = "images.txt"
-_IMAGE_LINE = re.compile(rb"(?m)^\d+( [-+.\deE]+){7} \d+ \S.*$")
+# A name is no number: rows of integers are no images.
+_IMAGE_LINE = re.compile(rb"(?m)^\d+( [-+.\deE]+){7} \d+ (?=\S).*[^-+.\deE\s].*$")
 
 PLACEHOLDER_SIZE = (640, 480)
 PLACEHOLDER_PINHOLE = (500.0, 500.0, 320.0, 240.0)

@@ -101,10 +101,10 @@ def write(path: Path, trajectory: Trajectory) -> None:
     names = writable_names(trajectory, ",")
     poses = conventions.cam_from_world(trajectory.target_from_source)
     matrices = poses.to_matrix()
-    cos_pitch = np.hypot(matrices[:, 1, 0], matrices[:, 1, 1])
+    cos_pitch: NDArray[np.float64] = np.hypot(matrices[:, 1, 0], matrices[:, 1, 1])
     pitch = np.arctan2(-matrices[:, 1, 2], cos_pitch)
-    heading = np.arctan2(-matrices[:, 1, 0], -matrices[:, 1, 1])
-    roll = np.arctan2(-matrices[:, 0, 2], -matrices[:, 2, 2])
+    heading: NDArray[np.float64] = np.arctan2(-matrices[:, 1, 0], -matrices[:, 1, 1])
+    roll: NDArray[np.float64] = np.arctan2(-matrices[:, 0, 2], -matrices[:, 2, 2])
     # Of a level camera (pitch 90), heading and roll turn about one axis: heading has it all.
     is_level = cos_pitch < _GIMBAL_LOCK
     heading = np.where(is_level, np.arctan2(-matrices[:, 0, 1], matrices[:, 0, 0]), heading)

@@ -47,6 +47,7 @@ from vioapr.formats import (
 )
 from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
 from vioapr.formats.notes import LeftOutRow, ReadingNote, ReadingNotes
+from vioapr.formats.table_guess import explain_table
 from vioapr.trajectory import Trajectory
 
 _ALL = (
@@ -120,7 +121,9 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
     if is_folder(path):
         return _rank(path, b"")
     head = _read_head(path)
-    return _rank(path, head) or _rank_by_rows(path, head)
+    if ranked := _rank(path, head) or _vote_by_rows(path, head):
+        return ranked
+    return [] if b"\0" in head else _rank_by_name(path)
 
 
 def _read_head(path: Path) -> bytes:
@@ -130,8 +133,8 @@ def _read_head(path: Path) -> bytes:
     return head
 
 
-def _rank_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
-    """Formats that some of the first rows fit, or that the name promises: at most 50 % sure.
+def _vote_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
+    """Formats that some of the first rows fit, at most 50 % sure.
 
     Their readers can then say which row is wrong.
     """
@@ -141,8 +144,11 @@ def _rank_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
         for format_, confidence in _rank(path, row + b"\n"):
             votes[format_.name] = votes.get(format_.name, 0.0) + confidence / len(rows)
     ranked = [(FORMATS[name], share / 2) for name, share in votes.items() if share > 0.3]
-    if ranked or b"\0" in head:
-        return sorted(ranked, key=lambda r: -r[1])
+    return sorted(ranked, key=lambda r: -r[1])
+
+
+def _rank_by_name(path: Path) -> list[tuple[Format, float]]:
+    """Formats that a file's name promises, whatever its content."""
     promised = [
         format_
         for format_ in FORMATS.values()
@@ -315,8 +321,18 @@ def recognize_surely(path: Path, parameter: str = "format_name") -> tuple[Format
         raise FormatError(
             path, f"its format is uncertain: it may be {names}: choose with `{parameter}`"
         )
-    if head and (nearest := _rank_by_rows(path, head)):
+    if head and (nearest := _vote_by_rows(path, head)):
         return _explain_or_accept(path, nearest[0][0], parameter)
+    promised = _rank_by_name(path) if head and b"\0" not in head else []
+    table = explain_table(head)
+    if table is not None and table[0] not in (format_.name for format_, _ in promised):
+        raise FormatError(
+            path,
+            f"not recognized: the nearest format is {table[0]}, but {table[1]}; see "
+            f"docs/guide/formats.md, or choose with `{parameter}`",
+        )
+    if promised:
+        return _explain_or_accept(path, promised[0][0], parameter)
     what = "binary content" if b"\0" in head else "text of no known format"
     found = what if head else "a folder that is of no format"
     raise FormatError(
@@ -331,8 +347,8 @@ def _explain_or_accept(path: Path, nearest: Format, parameter: str) -> tuple[For
     except FormatError as error:
         raise FormatError(
             error.path,
-            f"{error.problem} (read as {nearest.name}, the nearest of the known formats; "
-            f"choose another with `{parameter}`)",
+            f"{error.problem} (not recognized: the nearest format is {nearest.name}; see "
+            f"docs/guide/formats.md, or choose with `{parameter}`)",
             error.line,
         ) from None
     return nearest, LEAST_CONFIDENCE

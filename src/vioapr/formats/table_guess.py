@@ -63,6 +63,35 @@ def guess_formats(head: bytes) -> dict[str, float]:
     return _guess_named(table) if table.names is not None else _guess_numbers(table)
 
 
+def explain_table(head: bytes) -> tuple[str, str] | None:
+    """Say what keeps a text table from being poses.
+
+    Args:
+        head: The first bytes of a file that is of no known format.
+
+    Returns:
+        The name of the nearest format and why it is not that, after "but"; None for no table.
+    """
+    table = look_at(head)
+    if table is None or table.width < 3:
+        return None
+    if table.names is not None and not table.is_comment:
+        if not np.isfinite(table.numbers()).any():
+            return None
+        named = ", ".join(name for name in table.names if name)[:200]
+        missing = "a position and a quaternion (x, y, z, qx, qy, qz, qw)"
+        return "table", f"its header does not name {missing}: {named}"
+    values = table.numbers()
+    if not np.isfinite(values).any(axis=0).all():
+        return None
+    width = table.width
+    if width < 8:
+        return "tum", f"its rows have {width} columns where 8 (time, position, quaternion) belong"
+    if width < 12 or not np.isfinite(values[:, :8]).any():
+        return "tum", "columns 5 to 8 of its rows hold no unit quaternion"
+    return "kitti", f"its rows of {width} columns hold neither a quaternion nor a rotation matrix"
+
+
 def _guess_named(table: TableHead) -> dict[str, float]:
     """A table whose header, or a comment above its rows, names the columns."""
     layout = table.layout
