@@ -152,7 +152,8 @@ def signal_rows(cases: Sequence[Case], note: Callable[[Row], None]) -> None:
                 left = [p for p in places.folder.rglob(".*") if ".partial" in p.name]
                 same = go_on(case, places) and not left
             words = said.replace(str(places.folder) + "/", "")
-            happened = f"exit code {code}: {words}" if code else "it had ended"
+            # Python lets signals end a process that has finished its work.
+            happened = "it had ended" if code in (0, -number) else f"exit code {code}: {words}"
             note(Row("signals", name, case.verb, 1, int(is_kept), int(same), happened, case.left))
 
 

@@ -66,6 +66,14 @@ def test_one_import_at_a_time(tmp_path):
     run(source, out)
 
 
+def test_what_a_kill_left_of_a_new_scene_is_in_nobodys_way(tmp_path):
+    out = tmp_path / "scene"
+    out.mkdir()
+    (out / ".scene.toml.0123abcd.partial").touch()
+    run(make_stray(tmp_path / "scan"), out)
+    assert not list(out.glob(".*"))
+
+
 def test_a_split_that_is_changed_while_images_are_copied_stays(tmp_path):
     source, out = make_stray(tmp_path / "scan"), tmp_path / "scene"
     run(source, out)

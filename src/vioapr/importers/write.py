@@ -32,7 +32,6 @@ from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.schemas.base import decode, encode
 from vioapr.schemas.written import ImportedFrom
-from vioapr.work.locks import LOCK_FILE
 from vioapr.work.progress import Advance, ignore
 
 IMPORT_FILE = ".import.json"
@@ -72,7 +71,8 @@ def check_target(folder: Path, imported: ImportedScene, place: Place | None) -> 
     """
     if (folder / SCENE_FILE).exists():
         return None
-    is_free = folder.is_dir() and all(path.name == LOCK_FILE for path in folder.iterdir())
+    # Locks, and what is being written or was left by a kill, begin with a dot.
+    is_free = folder.is_dir() and all(path.name.startswith(".") for path in folder.iterdir())
     if folder.exists() and not is_free:
         found = "other files" if folder.is_dir() else "a file"
         raise FormatError(folder, f"expected a scene or a new folder, found {found}")
