@@ -88,7 +88,7 @@ def test_what_cannot_be_exported(fails, checkpoint, tmp_path, monkeypatch):
     assert "--method: expected" in refusal
     assert "got 'pose-graph'" in refusal
     line = fails("export", checkpoint, *out, "--precision", "int4")
-    assert "'int4' for argument '--precision'. Expected one of ('fp32'," in line
+    assert "--precision: expected one of fp32, fp16w, int8w, int8-qdq, got 'int4'" in line
     assert "--precision int8-qdq and --calibration go together" in fails(
         "export", checkpoint, *out, "--precision", "int8-qdq"
     )

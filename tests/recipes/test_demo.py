@@ -6,7 +6,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from vioapr.errors import UnwritableError
+from vioapr.errors import AlreadyExistsError, UnwritableError
 from vioapr.files.images import decode_problem
 from vioapr.recipes.demo import (
     ARCHIVE_FILE,
@@ -39,7 +39,8 @@ def test_everything_is_where_localize_takes_it(unpacked):
     assert len(frames.timestamp_s) == 450
     assert not any(decode_problem(demo.recording / "images" / name) for name in frames.image[::50])
     assert np.isfinite(scene.gt(RECORDING).position_m).all()
-    assert {path.name for path in folder.iterdir()} == {SCENE_FOLDER, LOCALIZER_FILE}
+    names = {path.name for path in folder.iterdir()}
+    assert names == {SCENE_FOLDER, LOCALIZER_FILE, ".written.json"}
 
 
 def test_the_scene_is_sound(unpacked):
@@ -52,12 +53,16 @@ def test_it_is_small():
     assert sum(sizes) < 12e6
 
 
-def test_files_of_an_earlier_demo_are_replaced_and_others_stay(unpacked):
+def test_files_of_an_earlier_demo_are_replaced_and_what_others_wrote_stays(unpacked):
     folder, demo = unpacked
     frames = demo.recording / "frames.csv"
     content = frames.read_bytes()
     frames.write_bytes(b"changed")
-    demo.model.write_bytes(b"changed")
+    with pytest.raises(AlreadyExistsError, match=r"frames\.csv: exists, and vioapr did not write"):
+        unpack_demo(folder)
+    assert frames.read_bytes() == b"changed"
+    frames.unlink()
+    demo.model.unlink()
     demo.out.write_bytes(b"results")
     unpack_demo(folder)
     assert frames.read_bytes() == content

@@ -52,10 +52,16 @@ def test_made_again_when_an_image_or_the_size_changes(paths, tmp_path):
 
 
 def test_grey_and_transparent_images_become_rgb(tmp_path):
-    for mode in ("L", "RGBA", "P", "I;16"):
+    for mode in ("L", "RGBA", "P"):
         path = tmp_path / f"{mode[:1]}.png"
         Image.new(mode, (20, 20)).save(path)
         assert read_image(path, 8).shape == (8, 8, 3)
+
+
+def test_images_of_16_bits_are_to_be_imported(tmp_path):
+    Image.new("I;16", (20, 20)).save(tmp_path / "a.png")
+    with pytest.raises(FormatError, match="expected 8 bits a channel, got 16: import the images"):
+        read_image(tmp_path / "a.png", 8)
 
 
 def test_missing_and_broken_images(paths, tmp_path):
@@ -84,7 +90,12 @@ def test_a_full_disk_leaves_nothing_half_done(paths, tmp_path, monkeypatch):
                 raise OSError(28, "No space left on device")
             return super().write(content)
 
-    monkeypatch.setattr(type(file), "open", lambda *_, **__: Full())
+    opened = type(file).open
+
+    def open_(path, mode="r", **options):
+        return Full() if mode == "wb" else opened(path, mode, **options)
+
+    monkeypatch.setattr(type(file), "open", open_)
     with pytest.raises(DiskFullError, match="cannot be written: No space left"):
         cached_images(paths, 16, file)
     monkeypatch.undo()

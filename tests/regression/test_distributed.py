@@ -127,7 +127,7 @@ def test_all_processes_end_where_one_fails(scene, tmp_path):
     assert done.returncode == 2
     lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert len(lines) == 1
-    assert "regressor.safetensors: cannot be written" in lines[0]
+    assert "expected a folder without a regressor, found regressor.safetensors" in lines[0]
     assert "Traceback" not in done.stderr
 
 
