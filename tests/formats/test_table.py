@@ -324,3 +324,12 @@ def test_the_case_of_more_columns():
 def test_confidence_of_named_columns(tmp_path):
     path = write(tmp_path, *HEADERS["plain"])
     assert [(f.name, c) for f, c in rank_formats(path)] == [("table", 0.9)]
+
+
+def test_rows_shorter_than_the_header(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "timestamp_s,image,x,y,z,qx,qy,qz,qw\n.85,seq-01/frame-,y,z,qx,qy,0.png,12.8q08z\n"
+    )
+    with pytest.raises(FormatError, match="expected at least 9 columns, as the header names, got"):
+        FORMATS["table"].read(path, ReadOptions())

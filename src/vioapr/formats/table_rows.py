@@ -60,6 +60,10 @@ def read_columns(
     Raises:
         FormatError: No rows, one with another number of columns, or a field that is no number.
     """
+    wanted = max([*numbers, *([] if texts is None else [texts])])
+    if wanted >= head.width:
+        problem = f"expected at least {wanted + 1} columns, as the header names, got {head.width}"
+        raise FormatError(path, f"{problem}: expected {what}")
     out = Rows(path, [], [])
     parts: list[NDArray[np.float64]] = []
     ticks: list[int | float] = []
