@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.files.tables import Rows, is_missing, is_number, split_rows
 from vioapr.files.text import read_text
-from vioapr.formats.base import HEAD_BYTES, ReadOptions, TimeUnit
+from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.poses import poses_of
-from vioapr.formats.table_head import COMMENTS, TableHead, look_at
+from vioapr.formats.table_head import COMMENTS, TableHead, look_at_text
 from vioapr.geometry.rigid import Rigid3
 
 _PART_ROWS = 4096
@@ -60,9 +60,9 @@ def read_columns(
     Raises:
         FormatError: No rows, one with another number of columns, or a field that is no number.
     """
-    wanted = max([*numbers, *([] if texts is None else [texts])])
-    if wanted >= head.width:
-        problem = f"expected at least {wanted + 1} columns, as the header names, got {head.width}"
+    last = max(numbers if texts is None else (*numbers, texts))
+    if last >= head.width:
+        problem = f"expected at least {last + 1} columns, as the header names, got {head.width}"
         raise FormatError(path, f"{problem}: expected {what}")
     out = Rows(path, [], [])
     parts: list[NDArray[np.float64]] = []
@@ -124,7 +124,7 @@ def read_ordered(
             another order.
     """
     text = read_text(path)
-    head = look_at(text[:HEAD_BYTES].encode("utf-8", "replace"))
+    head = look_at_text(text)
     if head is None:
         raise FormatError(path, f"expected rows of {what}, got none")
     layout = head.layout
