@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.cases_of import case_folder
 
-from vioapr.errors import ParameterError
+from vioapr.errors import FormatError, ParameterError
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.registry import FORMATS, read_with_notes
 from vioapr.formats.times import PER_SECOND, UNIT_NAMES, find_time_unit
@@ -89,3 +89,12 @@ def test_the_case_of_nanoseconds_in_tum():
         np.testing.assert_allclose(times, truth.timestamp_s, rtol=0, atol=6e-4)
         np.testing.assert_array_equal(reading.trajectory.position_m, truth.position_m)
         assert [note.text for note in reading.notes] == [f"times are {UNIT_NAMES[unit]}"]
+
+
+@pytest.mark.parametrize("time", ["1e308", "inf"])
+def test_times_beyond_all_clocks(tmp_path, time):
+    """They are refused as any other wrong time, without a warning of NumPy."""
+    path = tmp_path / "trajectories.txt"
+    path.write_text(f"{time},cam,1,0,0,0,0,0,0\n{time},cam,1,0,0,0,1,0,0\n")
+    with pytest.raises(FormatError):
+        FORMATS["kapture"].read(path, ReadOptions())

@@ -173,7 +173,8 @@ def _times(
     values = np.array(ticks, dtype=np.float64)
     if any(line.strip() == _UNIT_LINE for line in read_text(path)[:500].split("\n")):
         return seconds_of(path, ticks, options, fixed="us"), True
-    steps = np.diff(values)
+    with np.errstate(all="ignore"):  # any numbers of a file, inf too
+        steps = np.diff(values)
     counts = np.abs(values).max() < _MAX_NUMBER and not (steps > _MAX_NUMBER_STEP).any()
     if counts and options.time_unit is None and not find_time_unit(values).is_date:
         if options.rate_hz is not None:

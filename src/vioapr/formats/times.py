@@ -54,11 +54,11 @@ def find_time_unit(values: NDArray[np.float64]) -> FoundUnit:
     sizes = np.abs(values[np.isfinite(values)])
     if not len(sizes):
         return FoundUnit("s", is_date=False)
-    size = float(np.median(sizes))
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # any numbers of a file, up to the largest
+        size = float(np.median(sizes))
         steps = np.diff(values)
-    steps = steps[np.isfinite(steps) & (steps > 0)]
-    step = float(np.median(steps)) if len(steps) else None
+        steps = steps[np.isfinite(steps) & (steps > 0)]
+        step = float(np.median(steps)) if len(steps) else None
     for unit, ticks in PER_SECOND.items():
         is_date = _UNIX_S[0] <= size / ticks <= _UNIX_S[1]
         if is_date and (step is None or step / ticks <= _MAX_UNIX_STEP_S):
@@ -90,7 +90,8 @@ def seconds_of(
     if unit is None:
         unit, is_date = find_time_unit(values)
         if unit != "s":
-            is_sure = is_date or float(np.nanmedian(np.abs(values))) > _LEAST_SURE
+            with np.errstate(all="ignore"):
+                is_sure = is_date or float(np.nanmedian(np.abs(values))) > _LEAST_SURE
             name = UNIT_NAMES[unit]
             guess = f"times are taken for {name}, by their steps: if they are not, say `time_unit`"
             text = f"times are {name}" if is_sure else guess
