@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import sys
@@ -25,6 +24,7 @@ from rich.text import Text
 
 from vioapr.cli.progress_lines import ProgressLines
 from vioapr.errors import SuspectTrackError
+from vioapr.work.processes import is_first_process
 from vioapr.work.progress import Advance
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from vioapr.formats.track_warnings import TrackWarning
 
 # Of several training processes, the first one speaks for all.
-_IS_FIRST = all(os.environ.get(name, "0") == "0" for name in ("LOCAL_RANK", "NODE_RANK"))
+_IS_FIRST = is_first_process()
 
 _console = Console(highlight=False, quiet=not _IS_FIRST)
 error_console = Console(stderr=True, highlight=False, quiet=not _IS_FIRST)

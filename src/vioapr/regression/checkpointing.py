@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,11 +17,6 @@ FIRST_S = 45.0
 
 _STEPS_BETWEEN_LOOKS = 10
 """Several processes look at the clock together, which makes them wait for each other."""
-
-
-def is_first_process() -> bool:
-    """Whether this process, of all that train together, is the one that writes."""
-    return all(os.environ.get(name, "0") == "0" for name in ("LOCAL_RANK", "NODE_RANK"))
 
 
 class CheckpointClock:

@@ -17,7 +17,6 @@ from torch.optim import Optimizer
 from vioapr.errors import FormatError, ParameterError, UnwritableError
 from vioapr.files.atomic import write_atomically
 from vioapr.regression.checkpoint import load_tensors, save_tensors
-from vioapr.regression.checkpointing import is_first_process
 from vioapr.regression.losses import Learner
 from vioapr.regression.params import TrainingParams
 from vioapr.regression.run import Run
@@ -30,6 +29,7 @@ from vioapr.schemas.regressor import (
     StateHeader,
     note_of,
 )
+from vioapr.work.processes import is_first_process
 from vioapr.work.steps import describe_changes
 
 if TYPE_CHECKING:

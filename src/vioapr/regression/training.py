@@ -21,7 +21,6 @@ from vioapr.regression.batches import Batch, BatchSource
 from vioapr.regression.checkpoint import save_regressor
 from vioapr.regression.checkpointing import (
     CheckpointClock,
-    is_first_process,
     random_states,
     set_random_state,
 )
@@ -47,6 +46,7 @@ from vioapr.regression.state import (
 from vioapr.regression.watch import StepsOfEpoch
 from vioapr.schemas.regressor import REGRESSOR_FILE, STATE_FILE, EpochRecord, Trained
 from vioapr.work.locks import locked_folder
+from vioapr.work.processes import is_first_process
 from vioapr.work.stopping import PendingStop, stop_put_off
 
 
