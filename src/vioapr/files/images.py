@@ -68,11 +68,6 @@ def probe_image(path: Path | str) -> ImageProbe:
         os.close(file)
 
 
-def find_image_problem(path: Path) -> str | None:
-    """Find a problem of an image by its head and its end, or None."""
-    return probe_image(path).problem
-
-
 def probe_bytes(content: bytes) -> ImageProbe:
     """Probe an image in memory; see `probe_image`."""
     return probe_ends(content, content[-_TAIL_BYTES:])

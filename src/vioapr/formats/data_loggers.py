@@ -16,7 +16,7 @@ from vioapr.errors import FormatError
 from vioapr.files.tables import format_rows, to_ticks
 from vioapr.files.text import plain_name, read_text, write_text
 from vioapr.formats import conventions
-from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.kitti import read_matrices
 from vioapr.formats.poses import (
     build_trajectory,
@@ -26,7 +26,7 @@ from vioapr.formats.poses import (
     rigid_of_matrices,
 )
 from vioapr.formats.table_guess import guess_formats
-from vioapr.formats.table_head import look_at
+from vioapr.formats.table_head import look_at_text
 from vioapr.formats.table_rows import read_columns
 from vioapr.formats.times import seconds_of
 from vioapr.trajectory import Trajectory
@@ -70,7 +70,7 @@ def read_arcore(path: Path, options: ReadOptions) -> Trajectory:
         FileError: It cannot be read or is malformed, naming file and line.
     """
     text = read_text(path)
-    head = look_at(text[:HEAD_BYTES].encode("utf-8", "replace"))
+    head = look_at_text(text)
     if head is None or head.width < 8:
         got = "none" if head is None else f"{head.width}"
         raise FormatError(path, f"expected 8 columns ({_ARCORE_COLUMNS}), got {got}", 1)

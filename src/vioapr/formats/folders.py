@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vioapr.errors import FileMissingError, FormatError, UnreadableError
-from vioapr.files.text import natural_key
+from vioapr.files.tables import Rows, parse_rows
+from vioapr.files.text import natural_key, read_text
+from vioapr.formats.poses import rigid_of_matrices
+from vioapr.geometry.rigid import Rigid3
 
 
 def find_frames(folder: Path, pattern: str) -> list[Path]:
@@ -60,3 +67,26 @@ def require_frames(path: Path, files: list[Path], wanted: str) -> list[Path]:
     if is_file:
         raise FormatError(path, f"expected {wanted}, found a file: give the folder it is in")
     raise FormatError(path, f"expected {wanted}, found none")
+
+
+def read_matrix_files(path: Path, files: Sequence[Path]) -> tuple[Rows, Rigid3]:
+    """Read files of a 4x4 matrix each.
+
+    Args:
+        path: The folder, for messages about single matrices.
+        files: The files, in order.
+
+    Returns:
+        A row a file; the matrices as they are, in whatever convention, shape (n,).
+
+    Raises:
+        FileError: A file cannot be read or holds no 4x4 matrix, naming it and the line.
+    """
+    matrices: list[NDArray[np.float64]] = []
+    for file in files:
+        table = parse_rows(file, read_text(file), range(4, 5), what="a row of a 4x4 matrix")
+        if len(table) != 4:
+            raise FormatError(file, f"expected a 4x4 matrix, got {len(table)} rows")
+        matrices.append(table.numbers(slice(0, 4)))
+    rows = Rows.numbered(path, len(files))
+    return rows, rigid_of_matrices(rows, np.array(matrices))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.files.tables import Rows, format_rows
 from vioapr.files.text import has_suffix, read_text, write_text
-from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, index_times, rigid_of_matrices
 from vioapr.formats.table_guess import MatrixColumns, find_matrix, guess_formats, is_index
-from vioapr.formats.table_head import look_at
+from vioapr.formats.table_head import look_at_text
 from vioapr.formats.table_rows import read_columns
 from vioapr.formats.times import seconds_of
 from vioapr.trajectory import Trajectory
@@ -58,7 +58,7 @@ def read_matrices(
         FileError: It cannot be read or is malformed, naming file and line.
     """
     text = read_text(path)
-    head = look_at(text[:HEAD_BYTES].encode("utf-8", "replace"))
+    head = look_at_text(text)
     if head is None or head.width not in (12, 13, 16, 17):
         got = "none" if head is None else f"{head.width}"
         line = None if head is None else head.header_lines + 1

@@ -10,16 +10,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vioapr.errors import FormatError, VioAprError
-from vioapr.files.tables import Rows, all_numbers, format_rows, parse_rows
+from vioapr.errors import VioAprError
+from vioapr.files.tables import all_numbers, format_rows
 from vioapr.files.text import is_folder, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.folders import find_frames, has_frames, require_frames
+from vioapr.formats.folders import find_frames, has_frames, read_matrix_files, require_frames
 from vioapr.formats.named import build_named, writable_names
-from vioapr.formats.poses import rigid_of_matrices
 from vioapr.trajectory import Trajectory
 
 _PATTERN = r"\d+\.txt"
@@ -56,15 +52,8 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     folder = find_pose_folder(path)
     wanted = "a folder of ScanNet's pose/0.txt, pose/1.txt, ..."
     files = require_frames(path, find_frames(folder, _PATTERN), wanted)
-    matrices: list[NDArray[np.float64]] = []
-    for file in files:
-        table = parse_rows(file, read_text(file), range(4, 5), what="a row of a 4x4 matrix")
-        if len(table) != 4:
-            raise FormatError(file, f"expected a 4x4 matrix, got {len(table)} rows")
-        matrices.append(table.numbers(slice(0, 4)))
-    rows = Rows.numbered(path, len(files))
-    names = [f"{file.stem}.jpg" for file in files]
-    return build_named(rows, names, rigid_of_matrices(rows, np.array(matrices)), options)
+    rows, poses = read_matrix_files(path, files)
+    return build_named(rows, [f"{file.stem}.jpg" for file in files], poses, options)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:

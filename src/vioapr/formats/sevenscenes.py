@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path, PurePosixPath
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vioapr.errors import FileMissingError, FormatError, ParameterError, UnreadableError
-from vioapr.files.tables import Rows, format_rows, parse_rows
-from vioapr.files.text import is_folder, read_text, write_text
+from vioapr.files.tables import format_rows
+from vioapr.files.text import is_folder, write_text
 from vioapr.formats.base import Format, ReadOptions
+from vioapr.formats.folders import read_matrix_files
 from vioapr.formats.named import build_named, writable_names
-from vioapr.formats.poses import rigid_of_matrices
 from vioapr.trajectory import Trajectory
 
 _POSE_SUFFIX, _IMAGE_SUFFIX = ".pose.txt", ".color.png"
@@ -53,19 +50,13 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         if not path.exists():
             raise FileMissingError(path, f"{wanted}, found nothing of this name")
         raise FormatError(path, f"{wanted}, found none")
-    matrices: list[NDArray[np.float64]] = []
-    for file in files:
-        table = parse_rows(file, read_text(file), range(4, 5), what="a row of a 4x4 matrix")
-        if len(table) != 4:
-            raise FormatError(file, f"expected a 4x4 matrix, got {len(table)} rows")
-        matrices.append(table.numbers(slice(0, 4)))
     prefix = f"{path.name}/" if re.fullmatch(r"seq-?\d+", path.name) else ""
     names = [
         prefix + file.relative_to(path).as_posix().removesuffix(_POSE_SUFFIX) + _IMAGE_SUFFIX
         for file in files
     ]
-    rows = Rows.numbered(path, len(names))
-    return build_named(rows, names, rigid_of_matrices(rows, np.array(matrices)), options)
+    rows, poses = read_matrix_files(path, files)
+    return build_named(rows, names, poses, options)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:

@@ -8,12 +8,12 @@ from pathlib import Path
 from vioapr.errors import FormatError, ParameterError
 from vioapr.files.tables import format_rows, is_number
 from vioapr.files.text import read_text, write_text
-from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
+from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.columns import Layout, names_euler_angles
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import build_trajectory, index_times, pose_columns, poses_of
 from vioapr.formats.table_guess import guess_formats
-from vioapr.formats.table_head import look_at
+from vioapr.formats.table_head import look_at_text
 from vioapr.formats.table_rows import read_columns, say_passed_over
 from vioapr.formats.times import seconds_of
 from vioapr.trajectory import Trajectory
@@ -36,7 +36,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         ParameterError: The options do not fit the file's sequences.
     """
     text = read_text(path)
-    head = look_at(text[:HEAD_BYTES].encode("utf-8", "replace"))
+    head = look_at_text(text)
     if head is None or head.names is None:
         raise FormatError(path, "expected a header that names the columns of poses, found none")
     layout = head.layout

@@ -57,6 +57,11 @@ class TableHead:
         return values
 
 
+def look_at_text(text: str) -> TableHead | None:
+    """Look at a file's content as a table; see `look_at`."""
+    return look_at(text[:HEAD_BYTES].encode("utf-8", "replace"))
+
+
 @functools.lru_cache(maxsize=8)
 def look_at(head: bytes) -> TableHead | None:
     """Look at a file's first bytes as a table; None if they hold no rows of text."""
