@@ -145,6 +145,19 @@ def test_walks_that_do_not_meet(fails, files, tmp_path):
     assert "cover 1000.000 to 1001.000 s" in line
 
 
+def test_predictions_without_vio_are_a_warning_with_the_flag(run, fails, files, tmp_path):
+    gap, out = tmp_path / "gap.tum", ("--out", tmp_path / "f.csv")
+    lines = files[3].read_text().splitlines()
+    gap.write_text("\n".join([*lines[:20], *lines[24:]]) + "\n")
+    code, _, err = run("fuse", *files[:2], "--vio", gap, *out)
+    assert code == 0
+    assert "4 of 60 predictions have no VIO pose within 0.01 s" in err
+    assert "--tolerance-s" in err
+    (tmp_path / "f.csv").unlink()
+    assert "4 of 60 predictions" in fails("fuse", *files[:2], "--vio", gap, *out, "--strict")
+    assert not (tmp_path / "f.csv").exists()
+
+
 def test_required_options_are_named(fails):
     assert fails("fuse", "--out", "x").startswith("missing --apr, --vio (see")
 

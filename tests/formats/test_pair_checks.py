@@ -184,6 +184,19 @@ def test_names_instead_of_times(walk):
     assert kinds(check(apr, bad)) == ["convention"]
 
 
+@pytest.mark.parametrize("rate_hz", [4.0, 10.0, 30.0])
+def test_predictions_between_vio_frames_are_checked_too(rate_hz, walk):
+    times = np.arange(walk.vio.timestamp_s[0], walk.vio.timestamp_s[-1], 1 / rate_hz)
+    vio = walk.vio.interpolate(times)
+    apr = walk.apr.at_rows(slice(0, -3, 5))
+    apr = replace(apr, timestamp_s=apr.timestamp_s + 0.0166)
+    assert check(apr, vio) == []
+    assert kinds(
+        check(apr, vio.with_transforms(conventions.world_from_arcam(vio.target_from_source)))
+    ) == ["convention"]
+    assert kinds(check(apr, replace(vio, position_m=vio.position_m * 100))) == ["scale"]
+
+
 def test_short_still_and_disjoint_tracks_give_no_warning(walk):
     few = slice(0, 6)
     assert check(walk.apr.at_rows(few), walk.vio.at_rows(few)) == []

@@ -21,7 +21,7 @@ from vioapr.formats.walk_checks import check_walk
 from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.offline import View, fuse_walk
-from vioapr.fusion.pairing import pair_frames
+from vioapr.fusion.pairing import check_pairing, pair_frames
 from vioapr.fusion.smoothing import smooth_walk
 from vioapr.report.formatting import format_statuses
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
@@ -63,6 +63,7 @@ def fuse(
             paper's tables. live: what was known when each frame arrived.
         offline: Use the future too: the best trajectory after the walk (consensus only).
         tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
+            VIO is interpolated at the other predictions, where its frames are near in time.
         apr_format: Format of the predictions, if it is not recognized.
         vio_format: Format of the VIO poses, if it is not recognized.
         apr_sigma: What the regressor states of each prediction's error, a CSV with columns
@@ -99,6 +100,7 @@ def fuse(
     else:
         sigmas = read_sigmas(apr_sigma, predictions)
     frames = pair_frames(predictions, tracked, tolerance_s, apr_sigmas=sigmas)
+    warn_of_tracks(check_pairing(frames, len(predictions), tolerance_s), strict=strict)
     run = smooth_walk if offline else fuse_walk
     passes = 2 if offline else 1
     with progress(f"fusing by {method}", passes * len(frames)) as tick:

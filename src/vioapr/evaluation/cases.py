@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vioapr.errors import AssociationError, VioAprError
 from vioapr.evaluation.walk_tracks import WalkReader, WalkTracks
 from vioapr.formats.stated_sigmas import read_sigmas_beside
-from vioapr.fusion.pairing import PairedFrames, pair_frames
+from vioapr.fusion.pairing import PairedFrames, check_pairing, pair_frames
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene.walks import Skip, WalkFiles
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, poses_of_frames
@@ -92,7 +92,11 @@ def load_cases(
         else:
             for vio, apr in product(tracks.vios, tracks.aprs):
                 try:
-                    cases.append(_pair_case(walk, tracks, vio, apr, tolerance_s))
+                    case = _pair_case(walk, tracks, vio, apr, tolerance_s)
+                    predictions = len(tracks.aprs[apr])
+                    for warning in check_pairing(case.frames, predictions, tolerance_s):
+                        reader.report(f"{case.title}: {warning}")
+                    cases.append(case)
                 except VioAprError as error:
                     if leave_out is None:
                         raise

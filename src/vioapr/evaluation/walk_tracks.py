@@ -74,6 +74,17 @@ class WalkReader:
             self._check(walk, WalkTracks(gt, vios, aprs), tolerance_s)
         return WalkTracks(gt, vios, aprs)
 
+    def report(self, text: str) -> None:
+        """Warn of what looks wrong.
+
+        Raises:
+            SuspectTrackError: The options are strict.
+        """
+        if self.options.strict:
+            raise SuspectTrackError(text)
+        if self.warn is not None:
+            self.warn(text)
+
     def _read_all(self, files: Mapping[str, Path]) -> dict[str, Trajectory]:
         """Read files by name, without those that are left out."""
         read: dict[str, Trajectory] = {}
@@ -89,7 +100,7 @@ class WalkReader:
     def _read(self, path: Path) -> Trajectory:
         reading = read_with_notes(path, options=self.options)
         for text in reading.warnings:
-            self._warn(f"{path}: {text}")
+            self.report(f"{path}: {text}")
         return reading.trajectory
 
     def _check(self, walk: WalkFiles, tracks: WalkTracks, tolerance_s: float) -> None:
@@ -101,10 +112,4 @@ class WalkReader:
         (gt,) = given("gt", {"gt": walk.gt}, {"gt": tracks.gt})
         aprs, vios = given("apr", walk.aprs, tracks.aprs), given("vio", walk.vios, tracks.vios)
         for warning in check_walk(aprs, vios, gt, tolerance_s):
-            self._warn(f"{walk.set_name}/{walk.walk}: {warning}")
-
-    def _warn(self, text: str) -> None:
-        if self.options.strict:
-            raise SuspectTrackError(text)
-        if self.warn is not None:
-            self.warn(text)
+            self.report(f"{walk.set_name}/{walk.walk}: {warning}")

@@ -8,7 +8,7 @@ to stay small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 from vioapr.errors import AssociationError
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
+from vioapr.trajectory import (
+    DEFAULT_TOLERANCE_S,
+    Trajectory,
+    associate,
+    interpolate_between_frames,
+)
 
 MIN_COMMON_FRAMES = 8
 """Fewer frames do not tell readings apart, nor which way is up."""
@@ -28,6 +33,7 @@ _LONGEST_TURN_S = 12.0
 _MAX_PAIRS = 400
 _LEAST_PAIRS = 6
 _PARTS = 5
+_MOSTLY_BETWEEN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +86,17 @@ def find_common_frames(
 ) -> CommonFrames:
     """Pair the frames of two tracks, and choose the pairs of moments to compare them by.
 
+    Where most frames of the slower track are between those of the other, that one is interpolated.
+
     Raises:
         AssociationError: They have no more than `MIN_COMMON_FRAMES` frames in common.
     """
-    pairs = associate(left, right, tolerance_s)
-    if len(pairs) <= MIN_COMMON_FRAMES:
+    left, right, count = _at_common_times(left, right, tolerance_s)
+    if count <= MIN_COMMON_FRAMES:
         raise AssociationError(
             f"expected more than {MIN_COMMON_FRAMES} common frames to compare conventions with, "
-            f"got {len(pairs)}"
+            f"got {count}"
         )
-    left, right = left.at_rows(pairs.left_rows), right.at_rows(pairs.right_rows)
     is_timed = left.is_timed and right.is_timed
     step_s = float(np.median(np.diff(right.timestamp_s))) if is_timed else 1.0
     spans_s = np.array(_SPANS_S if is_timed else _SPANS_FRAMES)
@@ -104,6 +111,26 @@ def find_common_frames(
         _clear_turns(turns or candidates[:1], left, right),
         max(candidates, key=lambda c: _median_move_m(c, left, right) * c.independent**0.5),
     )
+
+
+def _at_common_times(
+    left: Trajectory, right: Trajectory, tolerance_s: float
+) -> tuple[Trajectory, Trajectory, int]:
+    """Both tracks at the times of the same frames, and the number of these; if none, as given."""
+    pairs = associate(left, right, tolerance_s)
+    if left.is_timed and right.is_timed:
+        slow, fast = (left, right) if len(left) < len(right) else (right, left)
+        between, is_known = interpolate_between_frames(fast, slow.timestamp_s)
+        if is_known.sum() > _MOSTLY_BETWEEN * len(pairs):
+            slow = slow.at_rows(np.flatnonzero(is_known))
+            poses = between.at(is_known)
+            fast = replace(
+                slow.with_transforms(poses), names=None, target=fast.target, source=fast.source
+            )
+            return (*((slow, fast) if len(left) < len(right) else (fast, slow)), len(slow))
+    if not len(pairs):
+        return left, right, 0
+    return left.at_rows(pairs.left_rows), right.at_rows(pairs.right_rows), len(pairs)
 
 
 def _pairs_apart(count: int, span: int) -> Pairs:

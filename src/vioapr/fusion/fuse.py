@@ -37,6 +37,7 @@ def fuse(
             paper's tables. live: what was known when each frame arrived.
         offline: Use the future too, for the best trajectory after the walk (consensus only).
         tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
+            VIO is interpolated at the other predictions, where its frames are near in time.
         apr_sigmas: The sigmas of its predictions that the regressor states, if it does.
 
     Returns:

@@ -8,9 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import AssociationError
+from vioapr.formats.track_warnings import TrackWarning
 from vioapr.fusion.types import FrameInput
+from vioapr.geometry.arrays import FloatArray
 from vioapr.geometry.rigid import Rigid3, choose
-from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, associate
+from vioapr.trajectory import (
+    DEFAULT_TOLERANCE_S,
+    Trajectory,
+    associate,
+    interpolate_between_frames,
+)
+
+_FEW = 0.1
+"""A share of predictions that may come before the tracker starts, or after it ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +56,10 @@ def pair_frames(
 ) -> PairedFrames:
     """Merge a walk's predictions and its VIO poses into frames.
 
-    A prediction without a VIO pose within the tolerance becomes a frame whose tracking is not
-    ok. With such a frame the tracker counts as lost, as a phone would report it.
+    A prediction without a VIO pose within the tolerance becomes a frame of its own. Its VIO pose
+    is interpolated between the neighbouring ones, if these belong together (see
+    `interpolate_between_frames`). Else its tracking is not ok: with such a frame the tracker
+    counts as lost, as a phone would report it.
 
     Args:
         apr: world_from_cam, predicted.
@@ -63,7 +75,10 @@ def pair_frames(
     Raises:
         AssociationError: No prediction has a VIO pose.
     """
-    times, apr_row, vio_row = match_rows(apr, vio, tolerance_s)
+    times, apr_row, vio_row = _match_rows(apr, vio, tolerance_s)
+    vio_poses, has_vio = _vio_of_frames(vio, times, vio_row)
+    if not ((apr_row >= 0) & has_vio).any():
+        raise AssociationError(_explain_no_pairs(apr, vio, tolerance_s))
     names: tuple[str, ...] | None = None
     if apr.names is not None or vio.names is not None:
         apr_names, vio_names = apr.names or ("",) * len(apr), vio.names or ("",) * len(vio)
@@ -77,8 +92,8 @@ def pair_frames(
         times,
         _rows_or_identity(apr, apr_row),
         apr_row >= 0,
-        _rows_or_identity(vio, vio_row),
-        vio_row >= 0,
+        vio_poses,
+        has_vio,
         np.zeros(len(times), dtype=bool),
         sigma_m,
         sigma_rad,
@@ -86,17 +101,51 @@ def pair_frames(
     return PairedFrames(inputs, names)
 
 
-def match_rows(
+def check_pairing(
+    frames: PairedFrames, predictions: int, tolerance_s: float = DEFAULT_TOLERANCE_S
+) -> list[TrackWarning]:
+    """Find out whether predictions lack a VIO pose.
+
+    Args:
+        frames: From `pair_frames`.
+        predictions: How many were given to it.
+        tolerance_s: As given to it.
+
+    Returns:
+        A warning, or none. A tracker may start after the predictions, and end before them: that
+        is none, unless it concerns many.
+    """
+    has_apr, has_vio = np.asarray(frames.inputs.has_apr), np.asarray(frames.inputs.tracking_ok)
+    unnamed = predictions - int(has_apr.sum())
+    if unnamed > _FEW * predictions:
+        return [
+            TrackWarning(
+                "no-vio",
+                f"{unnamed} of {predictions} predictions are left out, as VIO has no pose of their "
+                "image name",
+                "give a VIO file with all its frames, or timestamps in both",
+            )
+        ]
+    tracked, without = np.flatnonzero(has_vio), np.flatnonzero(has_apr & ~has_vio)
+    is_within = (without > tracked[0]) & (without < tracked[-1])
+    if not is_within.any() and len(without) <= _FEW * predictions:
+        return []
+    within = f", {is_within.sum()} of them while VIO goes on" if is_within.any() else ""
+    return [
+        TrackWarning(
+            "no-vio",
+            f"{len(without)} of {predictions} predictions have no VIO pose within {tolerance_s:g} s"
+            f"{within}, and the tracker counts as lost there",
+            "unless it was, give a VIO file with all its frames, or a larger `tolerance_s`",
+        )
+    ]
+
+
+def _match_rows(
     apr: Trajectory, vio: Trajectory, tolerance_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
-    """The times of a walk's frames and, of both trajectories, their rows or -1.
-
-    Raises:
-        AssociationError: No prediction has a VIO pose.
-    """
+    """The times of a walk's frames and, of both trajectories, their rows or -1."""
     pairs = associate(vio, apr, tolerance_s)
-    if not len(pairs):
-        raise AssociationError(_explain_no_pairs(apr, vio, tolerance_s))
     alone = np.setdiff1d(np.arange(len(apr)), pairs.right_rows)
     if not (apr.is_timed and vio.is_timed):
         alone = alone[:0]  # without a clock there is no telling where they belong
@@ -107,6 +156,18 @@ def match_rows(
     times = np.concatenate([vio.timestamp_s, apr.timestamp_s[alone]])
     order = np.argsort(times, kind="stable")
     return times[order], apr_row[order], vio_row[order]
+
+
+def _vio_of_frames(
+    vio: Trajectory, times: NDArray[np.float64], vio_row: NDArray[np.intp]
+) -> tuple[Rigid3[FloatArray], NDArray[np.bool_]]:
+    """The tracker's poses of frames, interpolated for row -1, and which of them are known."""
+    is_between = vio_row < 0
+    poses, is_known = _rows_or_identity(vio, vio_row), ~is_between
+    if is_between.any():  # then both have a clock
+        between, is_known[is_between] = interpolate_between_frames(vio, times[is_between])
+        poses.translation_m[is_between], poses.quat_xyzw[is_between] = between
+    return poses, is_known
 
 
 def _rows_or_identity(trajectory: Trajectory, rows: NDArray[np.intp]) -> Rigid3:

@@ -8,6 +8,7 @@ from vioapr.trajectory.association import (
     nearest_rows,
     poses_of_frames,
 )
+from vioapr.trajectory.between_frames import interpolate_between_frames
 from vioapr.trajectory.trajectory import UNIT_TOLERANCE, Trajectory, find_problem
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "associate",
     "associate_frames",
     "find_problem",
+    "interpolate_between_frames",
     "nearest_rows",
     "poses_of_frames",
 ]
