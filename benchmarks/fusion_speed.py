@@ -38,7 +38,7 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.runtime.machine import resident_bytes
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
-BATCHED_METHODS = ("apr", "vio", "vio-apr", "consensus", "mapnet-pgo")
+BATCHED_METHODS = ("apr", "vio", "vio-apr", "consensus", "pose-filter", "mapnet-pgo")
 RATE_HZ = 2.0
 _LAST_FRAMES = 200
 """Frames before every memory reading that are timed."""

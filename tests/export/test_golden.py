@@ -67,7 +67,7 @@ def test_eager_pytorch(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["apr", *EXPORTED])
+@pytest.mark.parametrize("name", ["apr", "pose-filter", *EXPORTED])
 def test_onnxruntime(name, exporter_of, tmp_path):
     from vioapr.runtime.session import open_session
 

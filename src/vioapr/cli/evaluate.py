@@ -78,7 +78,7 @@ def evaluate(
     Args:
         walks: Folders to search.
         methods: Methods to run, separated by commas: apr, vio, vio-apr, consensus,
-            mapnet-pgo, pose-graph.
+            pose-filter, mapnet-pgo, pose-graph.
         json_out: JSON to write: the tables, and every walk's own figures.
         csv_out: CSV to write: a row a frame that has ground truth, with its pose and errors.
         form: How to print the tables.

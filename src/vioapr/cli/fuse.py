@@ -56,8 +56,8 @@ def fuse(
         out: CSV to write, a row a frame: timestamp_s,status,x,y,z,qx,qy,qz,qw and, where the
             method has them, sigma_position_m,sigma_orientation_deg. Unlocalized frames have
             nan.
-        method: How to fuse: consensus, vio-apr (the paper's), apr, vio, mapnet-pgo or
-            pose-graph.
+        method: How to fuse: consensus, vio-apr (the paper's), apr, vio, pose-filter,
+            mapnet-pgo or pose-graph.
         tum_out: TUM file to write too, with the localized frames.
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.

@@ -36,12 +36,13 @@ _METHOD_COLORS = {
     RAW: "#d55e00",
     "vio": "#009e73",
     "vio-apr": "#0072b2",
+    "pose-filter": "#56b4e9",
     "mapnet-pgo": "#e69f00",
     "pose-graph": "#cc79a7",
     "consensus": "#222222",
 }
 _DPI = 110
-_OTHER_COLORS = ("#882255", "#56b4e9", "#999933", "#661100")
+_OTHER_COLORS = ("#882255", "#999933", "#661100", "#44aa99")
 
 RC_PARAMS = {
     "font.family": "DejaVu Sans",
