@@ -1,10 +1,13 @@
 """What a user has is never destroyed: inputs, results that are there, files in folders."""
 
 import errno
+import importlib
 import os
 from pathlib import Path
 
 import pytest
+
+from vioapr.formats.registry import read_trajectory
 
 
 @pytest.fixture
@@ -178,3 +181,84 @@ def test_a_demo_replaces_no_file_of_the_user(fails, tmp_path, name):
     line = fails("demo", "--out", tmp_path / "demo")
     assert f"{name}: exists, and vioapr did not write it" in line
     assert content_of(tmp_path / "demo") == {Path(name): b"mine"}
+
+
+def test_fewer_simulated_walks_leave_none_of_the_earlier_ones(run, tmp_path):
+    out = tmp_path / "walks"
+    assert run("simulate", "walks", "--out", out, "--walks", 3)[0] == 0
+    (out / "walk03" / "notes.txt").write_text("mine")
+    assert run("simulate", "walks", "--out", out, "--walks", 1)[0] == 0
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["walk01", "walk03"]
+    assert [path.name for path in (out / "walk03").iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("flags", [(), ("--overwrite",)])
+@pytest.mark.parametrize("flag", ["--out", "--tum"])
+def test_of_two_fusions_to_one_file_one_is_refused(
+    run, fails, fuse, tmp_path, monkeypatch, flag, flags
+):
+    """The other one writes it while this one fuses; both began when there was none."""
+    verb = importlib.import_module("vioapr.cli.fuse")
+    path = tmp_path / "wanted"
+    fuse_walk = verb.fuse_walk
+
+    def fuse_slowly(*args, **options):
+        path.write_text("by the other")
+        return fuse_walk(*args, **options)
+
+    monkeypatch.setattr(verb, "fuse_walk", fuse_slowly)
+    words = (*fuse, flag, path, *(() if flag == "--out" else ("--out", tmp_path / "fused")), *flags)
+    if flags:
+        assert run(*words)[0] == 0
+        assert path.read_text() != "by the other"
+    else:
+        assert "wanted: exists now, and did not before: choose another name" in fails(*words)
+        assert path.read_text() == "by the other"
+
+
+def poses_of(path, count, folder):
+    """A file of the first poses of another."""
+    lines = path.read_text().splitlines()[: count + 1]
+    folder.mkdir(exist_ok=True)
+    (folder / "short.tum").write_text("\n".join(lines) + "\n")
+    return folder / "short.tum"
+
+
+@pytest.mark.parametrize("first", ["7scenes", "scannet", "colmap", "colmap-binary"])
+@pytest.mark.parametrize("second", ["7scenes", "scannet", "colmap", "colmap-binary"])
+def test_a_folder_that_is_overwritten_holds_the_new_poses_alone(
+    run, fails, walk_dir, tmp_path, first, second
+):
+    """Fewer of them, in the same format or another; what the user put there stays, and is told."""
+    gt, out = walk_dir / "gt.tum", tmp_path / "poses"
+    assert run("convert", gt, out, "--to", first)[0] == 0
+    (out / "notes.md").write_text("mine")
+    short = poses_of(gt, 7, tmp_path / "short")
+    assert "give --overwrite" in fails("convert", short, out, "--to", second)
+    code, said, _ = run("convert", short, out, "--to", second, "--overwrite")
+    assert code == 0
+    assert "kept notes.md, which vioapr did not write" in " ".join(said.split())
+    assert run("convert", short, tmp_path / "fresh", "--to", second)[0] == 0
+    assert content_of(out) == {**content_of(tmp_path / "fresh"), Path("notes.md"): b"mine"}
+    assert len(read_trajectory(out)) == 7
+
+
+@pytest.mark.parametrize(
+    ("format_name", "name"),
+    [
+        ("7scenes", "frame-000100.pose.txt"),
+        ("7scenes", "seq-02/frame-000000.pose.txt"),
+        ("scannet", "900.txt"),
+        ("colmap", "points3D.bin"),
+        ("colmap-binary", "images.txt"),
+    ],
+)
+def test_poses_of_others_are_not_mixed_with_new_ones(
+    run, fails, walk_dir, tmp_path, format_name, name
+):
+    short, out = poses_of(walk_dir / "gt.tum", 7, tmp_path / "short"), tmp_path / "poses"
+    (out / name).parent.mkdir(parents=True)
+    (out / name).write_text("mine")
+    line = fails("convert", short, out, "--to", format_name, "--overwrite")
+    assert f"{name}: would be read as a part of the result, and vioapr did not write it" in line
+    assert content_of(out) == {Path(name): b"mine"}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from vioapr.errors import DiskFullError, UnwritableError
+from vioapr.errors import AlreadyExistsError, DiskFullError, UnwritableError
 from vioapr.files.atomic import (
     leftovers_beside,
     partial_beside,
@@ -239,3 +239,39 @@ def test_leftovers_are_those_of_the_very_path(tmp_path):
     (tmp_path / ".walk.partial").touch()
     assert leftovers_beside(tmp_path / "walk") == [mine]
     assert leftovers_beside(tmp_path / "walk.2") == [others]
+
+
+def no_link(*args):
+    raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_a_file_that_came_meanwhile_is_kept_unless_it_may_be_overwritten(
+    tmp_path, monkeypatch, has_links
+):
+    if not has_links:
+        monkeypatch.setattr(os, "link", no_link)
+    path = tmp_path / "file"
+    write_atomically(path, b"first", overwrite=False)
+    assert path.read_bytes() == b"first"
+
+    def write():
+        with replacing(tmp_path / "late", overwrite=False) as partial:
+            partial.write_bytes(b"mine")
+            (tmp_path / "late").write_bytes(b"theirs")
+
+    with pytest.raises(AlreadyExistsError, match="late: exists now, .*`overwrite`"):
+        write()
+    assert (tmp_path / "late").read_bytes() == b"theirs"
+    assert names(tmp_path) == ["file", "late"]
+
+
+def test_a_full_disk_leaves_no_empty_file_where_there_are_no_links(tmp_path, monkeypatch):
+    def fail(*args):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "link", no_link)
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(DiskFullError):
+        write_atomically(tmp_path / "file", b"new", overwrite=False)
+    assert names(tmp_path) == []

@@ -65,7 +65,7 @@ def bench_(
         found = bench(model, size=(height, width), repeats=repeats, threads=threads, tick=tick)
     show([table_of(found)], form, found, notes_of(found))
     if json_out is not None:
-        write_text(json_out, encode(found, indent=1))
+        write_text(json_out, encode(found, indent=1), overwrite=overwrite)
 
 
 def table_of(found: BenchResult) -> Table:

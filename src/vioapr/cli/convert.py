@@ -12,6 +12,9 @@ from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.conversion import convert_file
 from vioapr.formats.corrections import Corrections
 
+_NAMED = 5
+"""Of files that were kept."""
+
 
 def convert(
     source: Annotated[tyro.conf.Positional[InputFile], tyro.conf.arg(metavar="IN")],
@@ -48,7 +51,8 @@ def convert(
         shift_s: To add to all timestamps, s.
         strict: Refuse a file with rows that give no pose, or with poses that look wrong, rather
             than warn.
-        overwrite: Write over an existing OUT.
+        overwrite: Write over an existing OUT. Of a folder, what vioapr wrote is replaced, and
+            other files stay; poses among them that would be read with the new ones are refused.
 
     Example:
         vioapr convert vio.csv vio.tum
@@ -70,6 +74,10 @@ def convert(
     say_notes(source, done.notes)
     for warning in done.warnings:
         warn(f"{target}: {warning}")
+    if done.kept:
+        names = ", ".join(path.name for path in done.kept[:_NAMED])
+        more = f" and {len(done.kept) - _NAMED} more" if len(done.kept) > _NAMED else ""
+        say(f"{target}: kept {names}{more}, which vioapr did not write")
     lost = f"; lost: {' and '.join(done.lost)}" if done.lost else ""
     say(
         f"{source} ({done.source_format}) -> {target} ({done.target_format}): "

@@ -117,9 +117,9 @@ def evaluate(
         results, groups = tabulate(cases, chosen, view=view, tick=tick)
     print_tables(groups, form)
     if json_out is not None:
-        write_text(json_out, encode(to_records(groups), indent=1))
+        write_text(json_out, encode(to_records(groups), indent=1), overwrite=overwrite)
     if csv_out is not None:
-        write_text(csv_out, to_csv(results))
+        write_text(csv_out, to_csv(results), overwrite=overwrite)
     if report is not None:
         publish(
             groups,
@@ -162,7 +162,7 @@ def publish(
 ) -> None:
     """Write the report and say where it is."""
     with (
-        ResultFolder(folder, overwrite=overwrite).adding() as partial,
+        ResultFolder(folder, overwrite=overwrite).adding(all_of=REPORT_PATTERNS) as partial,
         progress("drawing figures", count_report_ticks(groups)) as tick,
     ):
         page = write_report(

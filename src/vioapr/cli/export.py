@@ -72,6 +72,6 @@ def export(
         made = [exporter.export(precision, images)]
     with ExitStack() as both:  # a pair is replaced when both are whole
         for path, file in zip(paths, made, strict=True):
-            both.enter_context(replacing(path)).write_bytes(file.content)
+            both.enter_context(replacing(path, overwrite=overwrite)).write_bytes(file.content)
     for path, file in zip(paths, made, strict=True):
         say(f"{path}: {len(file.content) / 1e6:.2f} MB")

@@ -25,6 +25,7 @@ from vioapr.fusion.pairing import check_pairing, pair_frames
 from vioapr.fusion.smoothing import smooth_walk
 from vioapr.report.formatting import format_statuses
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
+from vioapr.work.results import replacing_output
 
 
 def fuse(
@@ -105,12 +106,13 @@ def fuse(
     passes = 2 if offline else 1
     with progress(f"fusing by {method}", passes * len(frames)) as tick:
         fused = run(chosen, chosen_params, frames, view=view, tick=tick)
-    write_fused_csv(out, fused)
+    write_fused_csv(out, fused, overwrite=overwrite)
     say(f"{out}: {format_statuses(fused)}")
     if tum_out is None:
         return
     if fused.is_localized.any():
-        tum.write(tum_out, fused.to_trajectory())
+        with replacing_output(tum_out, overwrite=overwrite) as partial:
+            tum.write(partial, fused.to_trajectory())
         say(f"{tum_out}: {fused.is_localized.sum()} localized frames")
     else:
         say(f"{tum_out}: not written, no frame was localized")

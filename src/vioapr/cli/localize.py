@@ -111,7 +111,7 @@ def localize_(
     localizer = OnnxLocalizer(model, threads=threads)
     watchers: list[viewing.BrowserView | viewing.RerunFile] = []
     if rrd is not None:
-        watchers.append(viewing.RerunFile(frames, rrd))
+        watchers.append(viewing.RerunFile(frames, rrd, overwrite=overwrite))
     if view:
         watchers.append(viewing.BrowserView(frames, say))
     with progress("localizing", len(frames)) as tick:
@@ -125,7 +125,7 @@ def localize_(
     given = str(vio or recording or images), str(gt) if gt else ""
     found = check_localized(walk, *given, is_file=images is not None)
     warn_of_tracks(found, strict=strict)
-    write_fused_csv(out, walk.fused)
+    write_fused_csv(out, walk.fused, overwrite=overwrite)
     say(f"{out}: {format_statuses(walk.fused)}")
     if frames.gt is not None:
         compare(walk, localizer, model.name, frames.gt, report, overwrite=overwrite)

@@ -105,10 +105,11 @@ def scene_info(
                 warn(f"{summary.name}, {recording.id}: {recording.problem}")
     if figure is not None:
         png, svg = render(speed_figure(speed_panels(summaries)))
-        write_bytes(figure, svg if figure.suffix.lower() == ".svg" else png)
+        content = svg if figure.suffix.lower() == ".svg" else png
+        write_bytes(figure, content, overwrite=overwrite)
         say(f"{figure}: walking speeds")
     if json_out is not None:
-        write_text(json_out, encode(records, indent=1))
+        write_text(json_out, encode(records, indent=1), overwrite=overwrite)
 
 
 def scenes_table(summaries: Sequence[SceneSummary]) -> Table:

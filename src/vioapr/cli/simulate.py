@@ -112,9 +112,10 @@ def simulate_walks(
         raise ParameterError(f"seed: expected a number of at least 0, got {seed}")
     names = [f"walk{index + 1:02d}" for index in range(walks)]
     files = walk_file_names(["sim"], ["simulated"])
+    earlier = [f"walk{'[0-9]' * digits}/{file}" for digits in (2, 3, 4) for file in files]
     results = ResultFolder(out, overwrite=overwrite)
     results.check(f"{name}/{file}" for name in names for file in files)
-    with progress("simulating walks", walks) as tick, results.adding() as partial:
+    with progress("simulating walks", walks) as tick, results.adding(all_of=earlier) as partial:
         for index, name in enumerate(names):
             walk = simulate_walk(WalkParams(), seed + index)
             write_walk(

@@ -79,7 +79,7 @@ def vio_quality(
     table = table_of(qualities, params, [to_plain(track) for track in record.tracks])
     show([table], form, record, notes_of(qualities, params))
     if json_out is not None:
-        write_text(json_out, encode(record, indent=1))
+        write_text(json_out, encode(record, indent=1), overwrite=overwrite)
     if figures is not None:
         with ResultFolder(figures, overwrite=overwrite).adding() as partial:
             for name, draw in VIO_FIGURES.items():

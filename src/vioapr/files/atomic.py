@@ -19,7 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from vioapr.errors import UnwritableError
+from vioapr.errors import AlreadyExistsError, UnwritableError
 
 try:
     import fcntl
@@ -32,18 +32,19 @@ PARTIAL_SUFFIX = ".partial"
 _OWN_FILE = re.compile(r"/dev/(stdin|stdout|stderr)|/(?:dev|proc/self)/fd/(\d+)")
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes, *, overwrite: bool = True) -> None:
     """Write a whole file in one step; folders are made as needed.
 
     Raises:
+        AlreadyExistsError: It exists, without `overwrite`.
         UnwritableError: It cannot be written; what was there stays.
     """
-    with replacing(path) as partial:
+    with replacing(path, overwrite=overwrite) as partial:
         partial.write_bytes(content)
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Give a temporary path to write a file to, which then replaces `path` in one step.
 
     For libraries that write to a path. If the block raises, nothing is replaced, and the
@@ -56,11 +57,14 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Args:
         path: The file; folders are made as needed.
+        overwrite: Whether to replace a file that is there when the new one is whole, as another
+            process may have written it meanwhile.
 
     Yields:
         An empty file in the same folder, whose name does not end as the file's.
 
     Raises:
+        AlreadyExistsError: It exists, without `overwrite`.
         UnwritableError: It cannot be written; what was there stays.
     """
     try:
@@ -70,9 +74,18 @@ def replacing(path: Path) -> Iterator[Path]:
         elif path.exists() and not path.is_file():
             yield path
         else:
-            yield from _moved_to(Path(os.path.realpath(path)))
+            yield from _moved_to(Path(os.path.realpath(path)), overwrite)
+    except FileExistsError:
+        raise came_meanwhile(path) from None
     except OSError as error:
         raise UnwritableError.of(path, error) from None
+
+
+def came_meanwhile(path: Path) -> AlreadyExistsError:
+    """The error for an output that another process wrote while this one did its work."""
+    return AlreadyExistsError(
+        path, "exists now, and did not before: choose another name, or give `overwrite`"
+    )
 
 
 def own_descriptor(path: Path) -> int | None:
@@ -94,7 +107,7 @@ def _copied_to(number: int) -> Iterator[Path]:
             shutil.copyfileobj(content, target)
 
 
-def _moved_to(target: Path) -> Iterator[Path]:
+def _moved_to(target: Path, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary file beside a file; put it in its place once it has reached the disk."""
     target.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(target)
@@ -105,11 +118,33 @@ def _moved_to(target: Path) -> Iterator[Path]:
         # Libraries may have made the file again, with permissions of their own.
         partial.chmod(stat.S_IMODE(mode))
         sync(partial)
-        partial.replace(target)
+        if overwrite:
+            partial.replace(target)
+        else:
+            _put_new(partial, target)
         sync(target.parent)
     finally:
         partial.unlink(missing_ok=True)
         os.close(held)
+
+
+def _put_new(partial: Path, target: Path) -> None:
+    """Put a temporary file in its place, which no other process can take meanwhile.
+
+    Raises:
+        FileExistsError: A file is there.
+    """
+    try:
+        os.link(partial, target)
+    except FileExistsError:
+        raise
+    except OSError:  # file systems without hard links: an empty file keeps the place
+        os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+        try:
+            partial.replace(target)
+        except OSError:
+            target.unlink(missing_ok=True)
+            raise
 
 
 def _create_beside(target: Path) -> tuple[Path, int]:
@@ -141,58 +176,30 @@ def _remove_leftovers(target: Path) -> None:
 
 
 @contextmanager
-def replacing_files(path: Path) -> Iterator[Path]:
-    """Give a temporary path of the same name, for writers of a file or of a whole folder.
+def folder_beside(path: Path) -> Iterator[Path]:
+    """Give a temporary folder beside a path; it is removed in the end, with what is left in it.
 
-    What was written is moved to `path` when it has reached the disk: a file as by `replacing`, a
-    new folder in one step, into a folder that exists file by file; other files in it stay. If
-    the block raises, nothing is moved.
+    Those that processes left that died are removed too; living ones hold a lock on theirs.
 
     Args:
-        path: The file or folder; folders above it are made as needed.
+        path: A file or folder, which need not exist; folders above it are made as needed.
 
     Yields:
-        A path in a temporary folder beside it; a folder is there if `path` is one.
-
-    Raises:
-        UnwritableError: It cannot be written; what was there stays.
+        An empty folder.
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _remove_leftovers(path)
+    folder = partial_beside(path)
+    folder.mkdir()
+    held = None
     try:
-        if own_descriptor(path) is not None or (path.exists() and not path.is_dir()):
-            yield path  # whose writers use `replacing`
-        else:
-            yield from _moved_files_to(Path(os.path.realpath(path)))
-    except OSError as error:
-        raise UnwritableError.of(path, error) from None
-
-
-def _moved_files_to(target: Path) -> Iterator[Path]:
-    """Yield a path in a temporary folder, and move what is there to a file or folder."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    _remove_leftovers(target)
-    around = partial_beside(target)
-    around.mkdir()
-    held = os.open(around, os.O_RDONLY) if fcntl is not None else None
-    try:
-        if fcntl is not None and held is not None:
-            with suppress(OSError):
+        if fcntl is not None:
+            held = os.open(folder, os.O_RDONLY)
+            with suppress(OSError):  # file systems without locks
                 fcntl.flock(held, fcntl.LOCK_EX)
-        partial = around / target.name
-        if target.is_dir():
-            partial.mkdir()
-        yield partial
-        sync_folder(around)
-        if not target.is_dir():
-            partial.replace(target)
-        else:
-            for path in sorted(path for path in partial.rglob("*") if path.is_file()):
-                place = target / path.relative_to(partial)
-                place.parent.mkdir(parents=True, exist_ok=True)
-                path.replace(place)
-            sync_folder(target)
-        sync(target.parent)
+        yield folder
     finally:
-        shutil.rmtree(around, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
         if held is not None:
             os.close(held)
 

@@ -54,19 +54,21 @@ def read_text(path: Path) -> str:
     return text
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str, *, overwrite: bool = True) -> None:
     """Write text in one step, gzipped where the name ends in .gz.
 
     Raises:
+        AlreadyExistsError: It exists, without `overwrite`.
         UnwritableError: It cannot be written; what was there stays.
     """
-    write_bytes(path, text.encode())
+    write_bytes(path, text.encode(), overwrite=overwrite)
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes, *, overwrite: bool = True) -> None:
     """Write bytes in one step, gzipped where the name ends in .gz; folders are made as needed.
 
     Raises:
+        AlreadyExistsError: It exists, without `overwrite`.
         UnwritableError: It cannot be written; what was there stays.
     """
     if path.suffix == ".gz":
@@ -74,7 +76,7 @@ def write_bytes(path: Path, content: bytes) -> None:
         with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0) as file:
             file.write(content)
         content = buffer.getvalue()
-    write_atomically(path, content)
+    write_atomically(path, content, overwrite=overwrite)
 
 
 def is_folder(path: Path) -> bool:

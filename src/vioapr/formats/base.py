@@ -88,6 +88,7 @@ class Format:
         name_pattern: Pattern of the image names that a written file holds; others are lost.
             By default it holds any.
         default_for: File names and endings, without ".gz", that mean this format.
+        parts: Patterns of the files in a folder that are its poses, for formats that write one.
     """
 
     name: str
@@ -101,6 +102,7 @@ class Format:
     has_names: bool = False
     name_pattern: str = ""
     default_for: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
 
     def keeps_names(self, names: Iterable[str]) -> bool:
         """Whether a written file holds these image names."""

@@ -19,6 +19,12 @@ _FILE = "images.txt"
 # A name is no number: rows of integers are no images.
 _IMAGE_LINE = re.compile(rb"(?m)^\d+( [-+.\deE]+){7} \d+ (?=\S).*[^-+.\deE\s].*$")
 
+PARTS = tuple(
+    f"{name}.{ending}"
+    for name in ("images", "cameras", "points3D", "rigs", "frames")
+    for ending in ("txt", "bin")
+)
+"""A model's files, of both formats: programs take those that end in .bin where there are both."""
 PLACEHOLDER_SIZE = (640, 480)
 PLACEHOLDER_PINHOLE = (500.0, 500.0, 320.0, 240.0)
 """fx, fy, cx, cy of the camera that is written, as a trajectory knows of none."""
@@ -115,4 +121,5 @@ FORMAT = Format(
     write=write,
     has_names=True,
     default_for=(_FILE,),
+    parts=PARTS,
 )

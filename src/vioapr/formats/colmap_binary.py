@@ -18,7 +18,7 @@ from vioapr.files.tables import Rows
 from vioapr.files.text import is_folder, plain_name, read_bytes, write_bytes
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.colmap import PLACEHOLDER_PINHOLE, PLACEHOLDER_SIZE, file_of, images_of
+from vioapr.formats.colmap import PARTS, PLACEHOLDER_PINHOLE, PLACEHOLDER_SIZE, file_of, images_of
 from vioapr.formats.named import build_named
 from vioapr.formats.poses import poses_of
 from vioapr.trajectory import Trajectory
@@ -114,4 +114,5 @@ FORMAT = Format(
     write=write,
     has_names=True,
     default_for=(".bin",),
+    parts=PARTS,
 )

@@ -12,19 +12,20 @@ from vioapr.errors import (
     SuspectTrackError,
     UnreadableError,
 )
-from vioapr.files.atomic import replacing_files
 from vioapr.files.outputs import check_outputs, is_same_file
 from vioapr.formats.anomalies import check_track
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.corrections import Corrections
 from vioapr.formats.notes import ReadingNote
 from vioapr.formats.registry import (
+    FORMATS,
     format_of_name,
     get_format,
     read_with_notes,
     require_writer,
 )
 from vioapr.formats.track_warnings import TrackWarning
+from vioapr.work.results import ResultFolder, replacing_output
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Conversion:
         lost: What the target format cannot hold, in words.
         notes: What the reader said of the source.
         warnings: What looks wrong with the poses as written.
+        kept: Files in the target's folder that vioapr did not write; they were left as they were.
     """
 
     source_format: str
@@ -46,6 +48,7 @@ class Conversion:
     lost: tuple[str, ...]
     notes: tuple[ReadingNote, ...] = ()
     warnings: tuple[TrackWarning, ...] = ()
+    kept: tuple[Path, ...] = ()
 
 
 def convert_file(
@@ -60,6 +63,8 @@ def convert_file(
 ) -> Conversion:
     """Read a file and write it in another format.
 
+    A folder that is overwritten holds the new poses alone, and the files that vioapr did not write.
+
     Args:
         source: The file or folder to read.
         target: The one to write; never the source.
@@ -67,13 +72,15 @@ def convert_file(
         target_format: Name of the target's format; by default the one its name means.
         options: Rate, sequence, unit and strictness.
         corrections: What to change of the poses: another convention, scale or clock.
-        overwrite: Write over an existing file.
+        overwrite: Write over an existing file or folder.
 
     Raises:
         FileMissingError: The source is missing.
         UnreadableError: The source cannot be read.
         FormatError: The source is malformed.
-        AlreadyExistsError: The target exists.
+        AlreadyExistsError: The target exists; or it is a folder with poses that vioapr did not
+            write, and that would be read with the new ones.
+        LockedError: Another process writes into the target's folder.
         UnwritableError: The target cannot be written.
         ParameterError: No such format, none that the target's name means, one that is only read,
             the target is the source, or its format needs what the trajectory does not have.
@@ -88,15 +95,24 @@ def convert_file(
     warnings = tuple(check_track(trajectory))
     if warnings and options is not None and options.strict:
         raise SuspectTrackError(f"{source}: {warnings[0]}")
-    with replacing_files(target) as partial:
+    # A folder of poses of two formats would be read as one of them.
+    parts = {pattern for format_ in FORMATS.values() for pattern in format_.parts}
+    with replacing_output(target, overwrite=overwrite, patterns=parts) as partial:
         write(partial, trajectory)
+    kept = ResultFolder(target).find_others() if target.is_dir() else []
     lost: list[str] = []
     if trajectory.is_timed and not writer.has_times:
         lost.append("timestamps")
     if trajectory.names is not None and not writer.keeps_names(trajectory.names):
         lost.append("image names")
     return Conversion(
-        reading.format.name, writer.name, len(trajectory), tuple(lost), reading.notes, warnings
+        reading.format.name,
+        writer.name,
+        len(trajectory),
+        tuple(lost),
+        reading.notes,
+        warnings,
+        tuple(kept),
     )
 
 

@@ -81,4 +81,5 @@ FORMAT = Format(
     write=write,
     has_names=True,
     name_pattern=_NAMES,
+    parts=("[0-9]*.txt", "pose/[0-9]*.txt"),
 )

@@ -92,4 +92,5 @@ FORMAT = Format(
     write=write,
     has_names=True,
     name_pattern=r".*\.color\.png",
+    parts=(f"*{_POSE_SUFFIX}", f"*/*{_POSE_SUFFIX}"),
 )

@@ -52,13 +52,14 @@ class FusedWalk:
         return Trajectory(self.timestamp_s[rows], poses.translation_m, poses.quat_xyzw)
 
 
-def write_fused_csv(path: Path, fused: FusedWalk) -> None:
+def write_fused_csv(path: Path, fused: FusedWalk, *, overwrite: bool = True) -> None:
     """Write a row a frame, with all digits; reading it gives the same numbers.
 
     The columns are `POSE_COLUMNS`, followed by `SIGMA_COLUMNS` where the method has them. The
     status is a label; unlocalized frames have nan.
 
     Raises:
+        AlreadyExistsError: The file exists, without `overwrite`.
         UnwritableError: The file cannot be written.
     """
     header, columns = POSE_COLUMNS, [*fused.world_from_cam]
@@ -70,7 +71,7 @@ def write_fused_csv(path: Path, fused: FusedWalk) -> None:
     numbers = np.concatenate(columns, axis=1).tolist()
     for time_s, status, row in zip(times, statuses, numbers, strict=True):
         lines.append(",".join([repr(time_s), Status(status).label, *map(repr, row)]))
-    write_text(path, "\n".join(lines) + "\n")
+    write_text(path, "\n".join(lines) + "\n", overwrite=overwrite)
 
 
 def read_fused_csv(path: Path) -> FusedWalk:

@@ -90,7 +90,7 @@ class BrowserView:
 class RerunFile:
     """A file for the rerun viewer."""
 
-    def __init__(self, frames: WalkFrames, path: Path) -> None:
+    def __init__(self, frames: WalkFrames, path: Path, *, overwrite: bool = True) -> None:
         """Begin the file.
 
         Raises:
@@ -107,7 +107,7 @@ class RerunFile:
         self._stream = rerun.RecordingStream("vioapr")
         # A walk that is interrupted leaves no half of a file, and an earlier one stays.
         self._replaced = ExitStack()
-        self._stream.save(self._replaced.enter_context(replacing(path)))
+        self._stream.save(self._replaced.enter_context(replacing(path, overwrite=overwrite)))
         self._log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         if frames.gt is not None:
             path_m = rerun.LineStrips3D([frames.gt.position_m], colors=[_GT_RGB])
