@@ -12,7 +12,7 @@ POSE = "1 2 3 0 0 0 1"
     ("name", "content", "pattern"),
     [
         ("a.csv", "t,x,y,z\n1,2,3,4\n", "is table, but its header does not name .*: t, x, y, z;"),
-        ("a.csv", "lat,lon,alt\n1,2,3\n", "nearest format is table, .*: lat, lon, alt"),
+        ("a.csv", "lat,lon,alt\n1,2,3\n", r"degrees on the globe \(lat, lon, alt\): convert"),
         ("a.txt", "1 2 3 4 5 6 7\n" * 3, "is tum, but its rows have 7 columns where 8 .* belong"),
         ("a.txt", "1 2 3 4 5 6 7 8 9\n" * 3, "tum, but columns 5 to 8 .* no unit quaternion"),
         ("a.txt", " ".join("1" * 14) + "\n", "is kitti, but its rows of 14 columns hold neither"),

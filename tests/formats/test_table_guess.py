@@ -186,6 +186,20 @@ def test_data_loggers_are_told_by_name(name, walk, tmp_path):
     assert_same(reading.trajectory, walk)
 
 
+def test_a_renamed_log_of_arkit_is_told_by_the_motion(walk, short, tmp_path):
+    path = tmp_path / "poses.txt"
+    FORMATS["arkit-logger"].write(path, walk)
+    for header in ("# timestamp_ns r11", "# Created"):
+        path.write_text(path.read_text().replace("# timestamp_ns r11", header))
+        reading = read_with_notes(path)
+        assert (reading.format.name, reading.confidence) == ("arkit-logger", 0.7)
+        assert_same(reading.trajectory, walk)
+    FORMATS["arkit-logger"].write(path, short)
+    with pytest.raises(FormatError, match=r"may be kitti \(50%\), arkit-logger \(50%\): choose"):
+        read_with_notes(path)
+    assert_same(read_with_notes(path, "arkit-logger").trajectory, short)
+
+
 def test_a_quaternion_first_without_a_name_is_refused(walk, tmp_path):
     path = tmp_path / "poses.txt"
     FORMATS["arcore-logger"].write(path, walk)
@@ -193,12 +207,16 @@ def test_a_quaternion_first_without_a_name_is_refused(walk, tmp_path):
         read_with_notes(path)
 
 
-def test_real_logs(data_dir):
+def test_real_logs(data_dir, tmp_path):
     folder = data_dir / "arkit_arcore_loggers"
     arkit = read_with_notes(folder / "ARKit_camera_pose.txt.gz")
     assert arkit.format.name == "arkit-logger"
     assert len(arkit.trajectory) == 2762
     assert np.median(np.diff(arkit.trajectory.timestamp_s)) == pytest.approx(1 / 60, rel=0.05)
+    renamed = tmp_path / "log.txt.gz"
+    renamed.write_bytes((folder / "ARKit_camera_pose.txt.gz").read_bytes())
+    with pytest.raises(FormatError, match=r"it may be kitti \(50%\), arkit-logger \(50%\)"):
+        read_with_notes(renamed)
     arcore = read_with_notes(folder / "ARCore_sensor_pose.txt")
     assert arcore.format.name == "arcore-logger"
     assert len(arcore.trajectory) == 666

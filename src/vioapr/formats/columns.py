@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vioapr.formats.base import TimeUnit
+from vioapr.formats.matrix_names import find_matrix_columns
 
 _TIME_UNITS: dict[str, TimeUnit] = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
@@ -52,8 +53,10 @@ class Layout:
     """The columns of a table that make a pose.
 
     Attributes:
-        position: Columns of x, y and z.
-        quat_xyzw: Columns of the quaternion.
+        position: Columns of x, y and z; none where a matrix holds them.
+        quat_xyzw: Columns of the quaternion; none where there is a matrix.
+        matrix: Columns of a 4x4 or 3x4 matrix by rows, or of its rotation alone (9); none where
+            there is a quaternion.
         time: Column of the time, or None.
         time_unit: Its unit, where the name says it.
         nanoseconds: Column of the time's fraction in nanoseconds, where it has its own.
@@ -64,8 +67,9 @@ class Layout:
         time_rival: Such a sentence about times: usually one is of the writing, or None.
     """
 
-    position: tuple[int, int, int]
-    quat_xyzw: tuple[int, int, int, int]
+    position: tuple[int, ...]
+    quat_xyzw: tuple[int, ...]
+    matrix: tuple[int, ...]
     time: int | None
     time_unit: TimeUnit | None
     nanoseconds: int | None
@@ -74,6 +78,19 @@ class Layout:
     passed_over: tuple[str, ...]
     rivals: tuple[str, ...]
     time_rival: str | None
+
+    @property
+    def entries(self) -> tuple[int, ...]:
+        """Columns of the whole matrix, 3x4 or 4x4 by rows; none where there is a quaternion."""
+        if len(self.matrix) != 9:
+            return self.matrix
+        rows = (self.matrix[:3], self.matrix[3:6], self.matrix[6:])
+        return tuple(i for row, last in zip(rows, self.position, strict=True) for i in (*row, last))
+
+    @property
+    def pose(self) -> tuple[int, ...]:
+        """Position and quaternion, or the whole matrix."""
+        return self.entries or (*self.position, *self.quat_xyzw)
 
     def is_in_order(self, quat_order: str) -> bool:
         """Whether columns are time, x, y, z and the quaternion in order "xyzw" or "wxyz"."""
@@ -109,9 +126,12 @@ def _component_of(words: tuple[str, ...]) -> tuple[str, tuple[str, ...], str] | 
         group, last = [*group, glued[1]], glued[2]
     elif len(last) == 2 and last[1] in "xyzw" and group and group[0] in ("p", "q"):
         group, last = [*group, last[0]], last[1]  # maplab's p_G_Ix
+    elif len(last) == 2 and last[0] == "r" and last[1] in "xyzw":
+        group, last = [*group, "r"], last[1]
     if last not in ("x", "y", "z", "w", "0", "1", "2", "3", "4"):
         return None
-    if set(group) & set(_QUATERNION_WORDS):
+    is_r = bool(group) and group[-1] == "r" and not set(group) & set(_POSITION_WORDS)
+    if set(group) & set(_QUATERNION_WORDS) or (is_r and last in "xyzw"):
         return "quaternion", tuple(group), last
     is_position = last in ("x", "y", "z") or bool(group and group[-1] in _POSITION_WORDS)
     return ("position", tuple(group), last) if is_position and last != "w" else None
@@ -126,15 +146,22 @@ def find_layout(names: Sequence[str]) -> Layout | None:
     columns = [_column_of(name) for name in names]
     positions = _groups(columns, "position", ("xyz", "012"))
     quats = _groups(columns, "quaternion", ("xyzw", "1230"))
-    if not positions or not quats:
+    matrix = () if quats else find_matrix_columns(names) or ()
+    if len(matrix) == 9:
+        positions = positions or _groups(columns, "position", ("123",))
+    elif matrix:
+        positions = []  # any other is of something else
+    if not (quats or matrix) or not (positions or len(matrix) > 9):
         return None
-    position_words, position = positions[0]
-    quat = max(quats, key=lambda group: _common_length(group[0], position_words))[1]
+    position_words, position = positions[0] if positions else ((), ())
+    quat: tuple[int, ...] = ()
+    if quats:
+        quat = max(quats, key=lambda group: _common_length(group[0], position_words))[1]
     times = _times(columns)
     time = times[0] if times else None
     nanoseconds = next((i for i in times[1:] if _is_fraction(columns, time, i)), None)
     images = tuple(i for i, (words, _) in enumerate(columns) if words and words[-1] in _IMAGE_WORDS)
-    used = {*position, *quat, *images} | {i for i in (time, nanoseconds) if i is not None}
+    used = {*position, *quat, *matrix, *images} | {i for i in (time, nanoseconds) if i is not None}
     others = [i for i in range(len(names)) if i not in used and not _is_index(columns[i].words)]
     rivals: list[str] = []
     for what, groups, taken in (("position", positions, position), ("rotation", quats, quat)):
@@ -146,13 +173,14 @@ def find_layout(names: Sequence[str]) -> Layout | None:
         time_rival = _rival(names, "time", (time,), rest)
     unit = columns[time].unit if time is not None else None
     return Layout(
-        position=(position[0], position[1], position[2]),
-        quat_xyzw=(quat[0], quat[1], quat[2], quat[3]),
+        position=position,
+        quat_xyzw=quat,
+        matrix=matrix,
         time=time,
         time_unit=_TIME_UNITS.get(unit or ""),
         nanoseconds=nanoseconds,
         images=images,
-        metres=_METRES.get(columns[position[0]].unit or "m", 1.0),
+        metres=_METRES.get((columns[position[0]].unit if position else None) or "m", 1.0),
         passed_over=tuple(names[i] for i in others),
         rivals=tuple(rivals),
         time_rival=time_rival,
@@ -164,6 +192,12 @@ def names_euler_angles(names: Sequence[str]) -> bool:
     columns = [_column_of(name) for name in names]
     is_angle = [bool(set(words) & _EULER_WORDS) for words, _ in columns]
     return bool(_groups(columns, "position", ("xyz", "012"))) and sum(is_angle) >= 2
+
+
+def names_degrees(names: Sequence[str]) -> bool:
+    """Whether columns hold latitudes and longitudes."""
+    words = {word for name in names for word in _column_of(name).words}
+    return bool(words & {"lat", "latitude"}) and bool(words & {"lon", "lng", "long", "longitude"})
 
 
 def _groups(

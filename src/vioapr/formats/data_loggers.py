@@ -38,9 +38,10 @@ _NANOSECONDS = 1_000_000_000
 
 
 def sniff_arkit(path: Path, head: bytes) -> float:
-    """Sure by the name, of a number and a matrix in each row."""
+    """Sure by the name, of a number and a matrix in each row; likely if it looks along -z."""
+    guesses = guess_formats(head)
     is_named = plain_name(path).endswith(_ARKIT_FILE)
-    return 1.0 if is_named and guess_formats(head).get("kitti") else 0.0
+    return 1.0 if is_named and guesses.get("kitti") else guesses.get("arkit-logger", 0.0)
 
 
 def sniff_arcore(path: Path, head: bytes) -> float:

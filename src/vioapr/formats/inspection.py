@@ -123,11 +123,10 @@ def warn_of_format(ranked: list[tuple[Format, float]]) -> list[str]:
     (best, confidence), others = ranked[0], ranked[1:]
     if confidence >= LEAST_CONFIDENCE:
         return []
-    names = ", ".join(f"{f.name} ({c:.0%})" for f, c in others) or "no other known format"
-    return [
-        f"format: only {confidence:.0%} sure of {best.name}; it may be {names}: "
-        "the columns alone do not tell"
-    ]
+    names = ", ".join(f"{f.name} ({c:.0%})" for f, c in others)
+    may_be = f"; it may be {names}" if names else ""
+    guess = f"only {confidence:.0%} sure of {best.name}{may_be}"
+    return [f"format: {guess}: the columns alone do not tell: choose with `format_name`"]
 
 
 def compare_with(trajectory: Trajectory, against: Trajectory, path: Path) -> PairReport:

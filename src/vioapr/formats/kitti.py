@@ -12,7 +12,13 @@ from vioapr.files.tables import Rows, format_rows
 from vioapr.files.text import has_suffix, read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.poses import build_trajectory, index_times, rigid_of_matrices
-from vioapr.formats.table_guess import MatrixColumns, find_matrix, guess_formats, is_index
+from vioapr.formats.table_guess import (
+    TRANSPOSED,
+    MatrixColumns,
+    find_matrix,
+    guess_formats,
+    is_index,
+)
 from vioapr.formats.table_head import look_at_text
 from vioapr.formats.table_rows import read_columns
 from vioapr.formats.times import seconds_of
@@ -70,8 +76,7 @@ def read_matrices(
         raise FormatError(path, "expected a rotation matrix and 0 0 0 1 in every row", line)
     found = found or MatrixColumns(head.width - 12, tuple(range(12)), is_transposed=False)
     if found.is_transposed:
-        text = "matrices are written column by column, the translation last: transposed"
-        options.note(path, text, is_warning=False)
+        options.note(path, TRANSPOSED, is_warning=False)
     entries = table.values[:, found.first :][:, list(found.columns)]
     return table.rows, entries.reshape(-1, 3, 4), table.ticks if found.first else None
 

@@ -47,7 +47,12 @@ from vioapr.formats import (
 )
 from vioapr.formats.base import HEAD_BYTES, Format, ReadOptions
 from vioapr.formats.notes import LeftOutRow, ReadingNote, ReadingNotes
-from vioapr.formats.table_guess import explain_table
+from vioapr.formats.table_guess import (
+    NEEDED_COLUMNS,
+    explain_table,
+    is_in_degrees,
+    unknown_header,
+)
 from vioapr.trajectory import Trajectory
 
 _ALL = (
@@ -118,10 +123,8 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
         UnreadableError: It cannot be read.
         FormatError: It is empty.
     """
-    if is_folder(path):
-        return _rank(path, b"")
-    head = _read_head(path)
-    if ranked := _rank(path, head) or _vote_by_rows(path, head):
+    head = b"" if is_folder(path) else _read_head(path)
+    if ranked := _rank_whole(path, head) or _vote_by_rows(path, head):
         return ranked
     return [] if b"\0" in head else _rank_by_name(path)
 
@@ -133,11 +136,21 @@ def _read_head(path: Path) -> bytes:
     return head
 
 
+def _rank_whole(path: Path, head: bytes) -> list[tuple[Format, float]]:
+    """Rank by all that was read; a last line that was cut off in writing does not count."""
+    ranked = _rank(path, head)
+    if ranked or len(head) >= HEAD_BYTES or head[-1:] in (b"", b"\n", b"\r"):
+        return ranked
+    return _rank(path, head[: head.rfind(b"\n") + 1])
+
+
 def _vote_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
     """Formats that some of the first rows fit, at most 50 % sure.
 
     Their readers can then say which row is wrong.
     """
+    if b"\0" in head or is_in_degrees(head):
+        return []
     rows = [row for row in head.splitlines() if row.strip() and not row.startswith(b"#")][:20]
     votes: dict[str, float] = {}
     for row in rows:
@@ -309,20 +322,20 @@ def recognize_surely(path: Path, parameter: str = "format_name") -> tuple[Format
         UnreadableError: It cannot be read.
         FormatError: It looks like none, or like several: the message lists them.
     """
-    if is_folder(path):
-        ranked, head = _rank(path, b""), b""
-    else:
-        head = _read_head(path)
-        ranked = _rank(path, head)
+    head = b"" if is_folder(path) else _read_head(path)
+    ranked = _rank_whole(path, head)
     if ranked and ranked[0][1] >= LEAST_CONFIDENCE:
         return ranked[0]
     if ranked:
-        names = ", ".join(f"{format_.name} ({share:.0%})" for format_, share in ranked)
+        raise _uncertain(path, head, ranked, parameter)
+    if is_in_degrees(head):
         raise FormatError(
-            path, f"its format is uncertain: it may be {names}: choose with `{parameter}`"
+            path,
+            f"expected positions in metres, but its header names degrees on the globe "
+            f"({unknown_header(head)}): convert them to metres first",
         )
-    if head and (nearest := _vote_by_rows(path, head)):
-        return _explain_or_accept(path, nearest[0][0], parameter)
+    if head and (voted := _vote_by_rows(path, head)):
+        raise _why_not(path, head, voted, parameter)
     promised = _rank_by_name(path) if head and b"\0" not in head else []
     table = explain_table(head)
     if table is not None and table[0] not in (format_.name for format_, _ in promised):
@@ -332,7 +345,7 @@ def recognize_surely(path: Path, parameter: str = "format_name") -> tuple[Format
             f"docs/guide/formats.md, or choose with `{parameter}`",
         )
     if promised:
-        return _explain_or_accept(path, promised[0][0], parameter)
+        raise _why_not(path, head, promised, parameter)
     what = "binary content" if b"\0" in head else "text of no known format"
     found = what if head else "a folder that is of no format"
     raise FormatError(
@@ -340,15 +353,33 @@ def recognize_surely(path: Path, parameter: str = "format_name") -> tuple[Format
     )
 
 
-def _explain_or_accept(path: Path, nearest: Format, parameter: str) -> tuple[Format, float]:
-    """Say why a file is not of the nearest format; if its reader takes it, it is after all."""
+def _uncertain(
+    path: Path, head: bytes, ranked: list[tuple[Format, float]], parameter: str
+) -> FormatError:
+    """The refusal of a guess: which formats it may be, and how to choose."""
+    names = ", ".join(f"{format_.name} ({share:.0%})" for format_, share in ranked)
+    what, remedy = "", ""
+    if header := unknown_header(head):
+        what = f"its header does not name {NEEDED_COLUMNS}, but {header}, and "
+        remedy = "rename its columns, or "
+    return FormatError(
+        path,
+        f"{what}its format is uncertain: it may be {names}: {remedy}choose with `{parameter}`",
+    )
+
+
+def _why_not(
+    path: Path, head: bytes, ranked: list[tuple[Format, float]], parameter: str
+) -> FormatError:
+    """Why a file is not of the nearest format; a reader that takes it does not make it sure."""
+    nearest = ranked[0][0]
     try:
         nearest.read(path, ReadOptions(notes=ReadingNotes()))
     except FormatError as error:
-        raise FormatError(
+        return FormatError(
             error.path,
             f"{error.problem} (not recognized: the nearest format is {nearest.name}; see "
             f"docs/guide/formats.md, or choose with `{parameter}`)",
             error.line,
-        ) from None
-    return nearest, LEAST_CONFIDENCE
+        )
+    return _uncertain(path, head, ranked, parameter)

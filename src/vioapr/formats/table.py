@@ -1,26 +1,39 @@
-"""Tables whose header names their columns, with any delimiter: the logs that people have."""
+"""Tables whose header names their columns, with any delimiter: the logs that people have.
+
+Rotations are quaternions or matrices: `r11` to `r33` beside a position, or a whole 3x4 or 4x4.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vioapr.errors import FormatError, ParameterError
-from vioapr.files.tables import format_rows, is_number
+from vioapr.files.tables import Rows, format_rows, is_number
 from vioapr.files.text import read_text, write_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.columns import Layout, names_euler_angles
 from vioapr.formats.named import build_named, writable_names
-from vioapr.formats.poses import build_trajectory, index_times, pose_columns, poses_of
-from vioapr.formats.table_guess import guess_formats
+from vioapr.formats.poses import (
+    build_trajectory,
+    index_times,
+    pose_columns,
+    poses_of,
+    rigid_of_matrices,
+)
+from vioapr.formats.table_guess import TRANSPOSED, find_matrix, guess_formats
 from vioapr.formats.table_head import look_at_text
 from vioapr.formats.table_rows import read_columns, say_passed_over
 from vioapr.formats.times import seconds_of
+from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
 
 
 def sniff(path: Path, head: bytes) -> float:
-    """Sure of a header that names time or image, position and quaternion."""
+    """Sure of a header that names position and quaternion, or a matrix."""
     del path
     if b"device_id" in head[:1024]:
         return 0.0  # kapture's or LaMAR's, whose poses are each other's inverse
@@ -32,7 +45,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
 
     Raises:
         FileError: It cannot be read or is malformed, naming file and line, or its header does
-            not name a position and a quaternion.
+            not name a position and a rotation.
         ParameterError: The options do not fit the file's sequences.
     """
     text = read_text(path)
@@ -45,12 +58,11 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     is_timed = layout.time is not None
     leading = [i for i in (layout.time,) if i is not None]
     leading += [i for i in (layout.nanoseconds,) if i is not None]
-    pose = [*layout.position, *layout.quat_xyzw]
     image = next((i for i in layout.images if not is_number(head.rows[0][i])), None)
     what = ",".join(head.names)
-    columns = read_columns(path, head, text, [*leading, *pose], image, what)
+    columns = read_columns(path, head, text, [*leading, *layout.pose], image, what)
     values = columns.values[:, len(leading) :]
-    poses = poses_of(columns.rows, values[:, :3] * layout.metres, values[:, 3:])
+    poses = _poses_of(path, columns.rows, values, layout, options)
     _say_columns(path, options, layout)
     if not is_timed and columns.texts is not None:
         return build_named(columns.rows, columns.texts, poses, options)
@@ -67,6 +79,21 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     return build_trajectory(
         columns.rows, times, poses, options, names=columns.texts, is_timed=is_timed
     )
+
+
+def _poses_of(
+    path: Path, rows: Rows, values: NDArray[np.float64], layout: Layout, options: ReadOptions
+) -> Rigid3:
+    """Poses of the columns of a position, and of a quaternion or a matrix."""
+    if not layout.matrix:
+        return poses_of(rows, values[:, :3] * layout.metres, values[:, 3:])
+    found = find_matrix(values)
+    if found is None:
+        raise FormatError(path, "expected a rotation matrix in every row", rows.lines[0])
+    if found.is_transposed:
+        options.note(path, TRANSPOSED, is_warning=False)
+    matrices = values[:, list(found.columns)].reshape(-1, 3, 4)
+    return rigid_of_matrices(rows, matrices * [1.0, 1.0, 1.0, layout.metres])
 
 
 def _why_no_layout(names: Sequence[str]) -> str:
@@ -119,8 +146,8 @@ FORMAT = Format(
     name="table",
     title="Table with named columns",
     convention=(
-        "a header that names time or image, position and quaternion, with any delimiter; taken "
-        "for world_from_cam, OpenCV axes, metres; unit of time as named or found"
+        "a header that names time or image, and position and quaternion or a matrix, with any "
+        "delimiter; taken for world_from_cam, OpenCV axes, metres; unit of time as named or found"
     ),
     extensions=(".csv", ".txt", ".tsv"),
     sniff=sniff,

@@ -8,18 +8,27 @@ the wrong order it wanders (`vioapr.formats.anomalies`).
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.formats.anomalies import motion_directions
-from vioapr.formats.columns import names_euler_angles
+from vioapr.formats.columns import names_degrees, names_euler_angles
 from vioapr.formats.poses import MATRIX_TOLERANCE
 from vioapr.formats.table_head import TableHead, look_at
 from vioapr.formats.times import find_time_unit
 from vioapr.geometry import quaternion
 from vioapr.trajectory import UNIT_TOLERANCE
+
+TRANSPOSED = "matrices are written column by column, the translation last: transposed"
+"""What a reader notes of such matrices."""
+
+NEEDED_COLUMNS = "a position and a quaternion (x, y, z, qx, qy, qz, qw)"
+"""What the header of a table names, for messages."""
+
+_UNNAMED_MOST = 0.5
+"""How sure rows can be at most whose header says something, and nobody knows what."""
 
 _STEADY, _CLEARLY_LESS = 0.85, 0.15
 _MOSTLY = 0.9
@@ -43,6 +52,7 @@ class MatrixColumns:
 
 
 _ROW_MAJOR = tuple(range(12))
+_AFTER_TIME = tuple(range(1, 13))
 _COLUMN_MAJOR_4X4 = (0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14)
 _COLUMN_MAJOR_3X4 = (0, 3, 6, 9, 1, 4, 7, 10, 2, 5, 8, 11)
 
@@ -79,8 +89,9 @@ def explain_table(head: bytes) -> tuple[str, str] | None:
         if not np.isfinite(table.numbers()).any():
             return None
         named = ", ".join(name for name in table.names if name)[:200]
-        missing = "a position and a quaternion (x, y, z, qx, qy, qz, qw)"
-        return "table", f"its header does not name {missing}: {named}"
+        if table.layout is not None and table.layout.matrix:
+            return "table", f"the columns that its header names hold no rotation matrix: {named}"
+        return "table", f"its header does not name {NEEDED_COLUMNS}: {named}"
     values = table.numbers()
     if not np.isfinite(values).any(axis=0).all():
         return None
@@ -92,13 +103,48 @@ def explain_table(head: bytes) -> tuple[str, str] | None:
     return "kitti", f"its rows of {width} columns hold neither a quaternion nor a rotation matrix"
 
 
+def unknown_header(head: bytes) -> str | None:
+    """The names in a table's header, if they are not those of a pose.
+
+    Args:
+        head: The first bytes of the file.
+    """
+    table = look_at(head)
+    if table is None or table.names is None or table.layout is not None:
+        return None
+    return ", ".join(name for name in table.names if name)[:200]
+
+
+def is_in_degrees(head: bytes) -> bool:
+    """Whether a table's header names latitudes and longitudes instead of a position.
+
+    Args:
+        head: The first bytes of the file.
+    """
+    table = look_at(head)
+    return table is not None and table.layout is None and names_degrees(table.names or ())
+
+
 def _guess_named(table: TableHead) -> dict[str, float]:
     """A table whose header, or a comment above its rows, names the columns."""
-    layout = table.layout
-    if layout is None or table.names is None:
-        return {"table": 0.6} if names_euler_angles(table.names or ()) else {}
-    if not all(i < table.width for i in (*layout.position, *layout.quat_xyzw)):
+    layout, names = table.layout, table.names or ()
+    if layout is None:
+        if names_euler_angles(names):
+            return {"table": 0.6}
+        if names_degrees(names):
+            return {}
+        guesses = _guess_numbers(table)
+        return {name: min(share, _UNNAMED_MOST) for name, share in guesses.items()}
+    if not all(i < table.width for i in layout.pose):
         return {}
+    if layout.matrix:
+        values = table.numbers()
+        matrix = find_matrix(values[:, list(layout.entries)])
+        if matrix is None:
+            return {}
+        if table.is_comment and layout.time_unit == "ns" and layout.entries == _AFTER_TIME:
+            return _guess_matrix_rows(table, values, replace(matrix, first=1))
+        return {"table": 0.9}
     if table.is_comment and layout.is_in_order("xyzw"):
         return {"tum": 0.95}
     if table.is_comment and table.delimiter == "," and layout.is_in_order("wxyz"):
@@ -117,7 +163,7 @@ def _guess_numbers(table: TableHead) -> dict[str, float]:
         return {}
     if width in (12, 13, 16, 17) and is_number_column.all():
         if (matrix := find_matrix(values)) is not None:
-            return {"kitti": 0.9 if matrix.first == 0 else 0.8}
+            return _guess_matrix_rows(table, values, matrix)
         if width == 12 and not _holds_unit(values[:, 4:8]):
             return {"kitti": 0.6}
     if _holds_unit(values[:, 4:8]):
@@ -126,6 +172,34 @@ def _guess_numbers(table: TableHead) -> dict[str, float]:
         return {"arcore-logger": 0.5}
     # Nothing is a quaternion: rows as wide as TUM's are read as such, and say so.
     return {"tum": 0.6} if width == 8 and table.delimiter is None else {}
+
+
+def _guess_matrix_rows(
+    table: TableHead, values: NDArray[np.float64], matrix: MatrixColumns
+) -> dict[str, float]:
+    """Rows of a matrix, which may be ARKit-Data-Logger's: its camera looks along -z."""
+    if matrix.first == 0:
+        return {"kitti": 0.9}
+    times = values[:, 0][np.isfinite(values[:, 0])]
+    is_ns = np.array_equal(times, np.trunc(times)) and find_time_unit(times).unit == "ns"
+    if values.shape[1] != 13 or matrix.is_transposed or table.delimiter is not None or not is_ns:
+        return {"kitti": 0.8}
+    forward = _forward_of_matrices(values[:, 1:])
+    if abs(forward) < _FORWARD:
+        return {"kitti": 0.5, "arkit-logger": 0.5}
+    return {"kitti": 0.8} if forward > 0 else {"arkit-logger": 0.7, "kitti": 0.3}
+
+
+def _forward_of_matrices(entries: NDArray[np.float64]) -> float:
+    """The mean cosine between motion and the camera's z axis; 0 if the motion does not tell."""
+    matrices = entries[np.isfinite(entries).all(axis=1)].reshape(-1, 3, 4)
+    matrices = matrices[np.abs(matrices).max(axis=(1, 2)) < 1e9]
+    directions = motion_directions(matrices[:, :, 3]) if len(matrices) else None
+    if directions is None:
+        return 0.0
+    looks = matrices[: len(directions), :, 2]
+    cosines = np.asarray((directions * looks).sum(axis=1))
+    return float(np.nanmean(cosines))
 
 
 def _width_of(table: TableHead) -> int:

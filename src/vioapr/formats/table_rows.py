@@ -16,6 +16,7 @@ from vioapr.errors import FormatError
 from vioapr.files.tables import Rows, is_missing, is_number, split_rows
 from vioapr.files.text import read_text
 from vioapr.formats.base import ReadOptions, TimeUnit
+from vioapr.formats.columns import names_degrees
 from vioapr.formats.poses import poses_of
 from vioapr.formats.table_head import COMMENTS, TableHead, look_at_text
 from vioapr.geometry.rigid import Rigid3
@@ -131,6 +132,11 @@ def read_ordered(
     if layout is not None and not layout.is_in_order(quat_order):
         named = ", ".join(name for name in head.names or () if name)
         raise FormatError(path, f"expected columns {what}, but its header names them {named}")
+    if layout is None and names_degrees(head.names or ()):
+        named = ", ".join(name for name in head.names or () if name)
+        raise FormatError(
+            path, f"expected positions in metres, but its header names degrees: {named}"
+        )
     if head.width < 8:
         line = head.header_lines + 1
         raise FormatError(path, f"expected 8 columns ({what}), got {head.width}", line)
