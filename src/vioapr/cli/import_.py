@@ -34,6 +34,7 @@ def import_(
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS,
     vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
     strict: bool = False,
+    overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Import what another app or data set recorded into a scene, and say what was found.
 
@@ -63,6 +64,8 @@ def import_(
         vio_from_cam: For --poses of an IMU's body: how the camera is mounted on it. auto estimates
             it by --gt; FILE holds the constant transform body_from_cam, see `vioapr fuse --help`.
         strict: Refuse what is otherwise imported with a warning.
+        overwrite: Replace a recording of the same id that an import wrote, if its source or the
+            options have changed since; never one with files that no import wrote.
 
     Example:
         vioapr import stray 8653a2142b --out courtyard --place outdoor
@@ -90,7 +93,14 @@ def import_(
     flags = flag_names(import_)
     count = 0
     for imported in import_source(
-        importer, source, out, options, place=place, link=images == "link", progress=progress
+        importer,
+        source,
+        out,
+        options,
+        place=place,
+        link=images == "link",
+        overwrite=overwrite,
+        progress=progress,
     ):
         where = "excluded" if imported.is_excluded else imported.split or "in no split"
         say(f"{imported.folder} ({where})", "bold")

@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from vioapr.errors import ParameterError
+import msgspec
+
+from vioapr.errors import FormatError, ParameterError
+from vioapr.files.atomic import restore_folder
 from vioapr.importers import (
     advio,
     cambridge,
@@ -27,16 +30,19 @@ from vioapr.importers.base import (
     Importer,
     ImportOptions,
     Place,
+    Walk,
     is_pattern,
 )
 from vioapr.importers.diagnostics import diagnose
+from vioapr.importers.source_content import digest_walk
 from vioapr.importers.write import (
     WriteSettings,
     check_target,
-    is_imported,
     open_or_create,
+    read_import,
     write_recording,
 )
+from vioapr.scene.scene import Scene
 from vioapr.schemas.written import ImportedFrom
 from vioapr.work.locks import locked_folder
 from vioapr.work.progress import Progress
@@ -117,12 +123,14 @@ def import_source(
     *,
     place: Place | None = None,
     link: bool = False,
+    overwrite: bool = False,
     progress: Progress,
 ) -> Iterator[Imported]:
     """Import all of a source's recordings, one after the other.
 
     A source of several scenes makes a folder in `out` for each. Whatever fails, the recordings
-    before are whole and entered; the same import, run again, passes over them.
+    before are whole and entered; the same import, run again, passes over them. A recording whose
+    source has changed since is kept too, with a warning.
 
     Args:
         importer: Of the source's kind.
@@ -131,6 +139,8 @@ def import_source(
         options: What the user says of the source.
         place: For a new scene, where the source does not say.
         link: Hard-link images rather than copy them.
+        overwrite: Replace recordings that an import wrote, unless the same import would write
+            the same.
         progress: Opened once a recording.
 
     Raises:
@@ -144,7 +154,9 @@ def import_source(
         raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
     made_from = fingerprint(importer.name, str(source.resolve()), repr(options))
     noted = ImportedFrom(importer=importer.name, made_from=made_from)
-    settings = WriteSettings(link, options.focal_px, options.strict, options.max_megapixels, noted)
+    settings = WriteSettings(
+        link, options.focal_px, options.strict, options.max_megapixels, noted, overwrite
+    )
     scenes = importer.read(source, options)
     for imported in scenes:
         folder = out / imported.name if len(scenes) > 1 else out
@@ -166,13 +178,15 @@ def _import_scene(
                 check_target(folder, imported, place)
                 held.enter_context(locked_folder(folder))
                 scene = open_or_create(folder, imported, place)
-            if settings.imported_from and is_imported(scene, walk.id, settings.imported_from):
+            settings = _with_content(settings, walk)
+            restore_folder(scene.recording_folder(walk.id))
+            if (kept := _compare_with_before(scene, walk, settings)) is not None:
                 split = next((name for name, ids in scene.splits.items() if walk.id in ids), None)
                 yield Imported(
                     folder=scene.recording_folder(walk.id),
                     split=split,
                     is_excluded=walk.id in scene.excluded,
-                    findings=(Finding("imported before, by the same import: kept as it is"),),
+                    findings=(kept,),
                 )
                 continue
             diagnose(walk)
@@ -184,3 +198,34 @@ def _import_scene(
                 is_excluded=walk.info.is_diverging,
                 findings=tuple(walk.findings),
             )
+
+
+def _with_content(settings: WriteSettings, walk: Walk) -> WriteSettings:
+    """The settings with a digest of what the source holds, to be noted with the recording."""
+    noted = settings.imported_from
+    if noted is None:
+        return settings
+    noted = msgspec.structs.replace(noted, content=digest_walk(walk))
+    return replace(settings, imported_from=noted)
+
+
+def _compare_with_before(scene: Scene, walk: Walk, settings: WriteSettings) -> Finding | None:
+    """What to say of a recording that the same import wrote before, if it is to be kept.
+
+    Raises:
+        FormatError: The source has changed since, under `strict`.
+    """
+    noted, given = read_import(scene, walk.id), settings.imported_from
+    if noted is None or given is None:
+        return None
+    if (noted.importer, noted.made_from) != (given.importer, given.made_from):
+        return None
+    if noted.content in ("", given.content):
+        return Finding("imported before, by the same import: kept as it is")
+    if settings.overwrite:
+        return None
+    changed = "the source has changed since the recording was imported"
+    if settings.strict:
+        raise FormatError(walk.source, f"{changed}: give `overwrite` to import it again")
+    text = f"{changed}, which is kept as it was: give `overwrite` to import it again"
+    return Finding(text, is_warning=True)

@@ -20,14 +20,28 @@ from vioapr.errors import (
     UnwritableError,
     VioAprError,
 )
-from vioapr.files.atomic import leftovers_beside, partial_beside, sync, sync_folder
+from vioapr.files.atomic import (
+    leftovers_beside,
+    partial_beside,
+    replace_folder,
+    sync,
+    sync_folder,
+)
 from vioapr.files.text import read_bytes, write_bytes, write_text
 from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, Image, ImportedScene, Place, Walk
 from vioapr.importers.diagnostics import diagnose_images
 from vioapr.importers.fitting import CameraFitter, drop_impossible_intrinsics, sizes_of
 from vioapr.importers.pictures import NO_FILE, PictureReader
 from vioapr.scene.frames import Frames
-from vioapr.scene.gt_origin import remove_gt_file
+from vioapr.scene.gt_origin import origin_path, remove_gt_file
+from vioapr.scene.recording import (
+    FRAMES_FILE,
+    GNSS_FILE,
+    HEADING_FILE,
+    IMAGES_FOLDER,
+    IMU_FILE,
+    INFO_FILE,
+)
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.schemas.base import decode, encode
@@ -50,6 +64,7 @@ class WriteSettings:
         strict: Refuse walks of which there is something to warn.
         max_megapixels: The largest image to take.
         imported_from: Is noted with the recording, so that the same import can be run again.
+        overwrite: Replace a recording that an import wrote.
     """
 
     link: bool = False
@@ -57,6 +72,7 @@ class WriteSettings:
     strict: bool = False
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS
     imported_from: ImportedFrom | None = None
+    overwrite: bool = False
 
 
 def check_target(folder: Path, imported: ImportedScene, place: Place | None) -> Place | None:
@@ -117,18 +133,20 @@ def write_recording(
         The scene with the recording; saved.
 
     Raises:
-        AlreadyExistsError: The recording exists.
+        AlreadyExistsError: The recording exists, and is not to be replaced.
         FormatError: No image can be used, or there is something to warn of under `strict`.
         UnwritableError: Something cannot be written.
     """
     settings = settings or WriteSettings()
     refuse_warnings(walk, settings)
     folder, gt_path = scene.recording_folder(walk.id), scene.gt_path(walk.id)
-    require_new(scene, walk.id)
+    is_replaced = settings.overwrite and folder.exists()
+    require_new(scene, walk.id, overwrite=settings.overwrite)
     for leftover in leftovers_beside(folder):
         shutil.rmtree(leftover, ignore_errors=True)
     partial = partial_beside(folder)
     before = read_bytes(scene.folder / SCENE_FILE)
+    gt_before = {path: read_bytes(path) for path in _gt_files(gt_path)}
     try:
         _write_files(partial, walk, settings, tick)
         if settings.imported_from is not None:
@@ -139,17 +157,22 @@ def write_recording(
         before = read_bytes(scene.folder / SCENE_FILE)
         if walk.gt is not None:
             scene.write_gt(walk.id, walk.gt, "importer", walk.info.source)
-        if walk.info.is_diverging:
-            entered = scene.with_excluded(walk.id, _DIVERGING)
-        else:
-            entered = scene.with_recording(walk.id, walk.split)
+        entered = _enter(scene, walk, is_replaced)
         entered.save()
         # Last: whatever a kill leaves before, the same import can be run again.
-        partial.rename(folder)
-        sync(folder.parent)
+        if is_replaced:
+            replace_folder(folder, partial)
+        else:
+            partial.rename(folder)
+            sync(folder.parent)
+        if walk.gt is None:
+            remove_gt_file(gt_path)
     except BaseException as error:
         shutil.rmtree(partial, ignore_errors=True)
         remove_gt_file(gt_path)
+        with suppress(VioAprError):
+            for path, content in gt_before.items():
+                write_bytes(path, content)
         with suppress(VioAprError):
             if read_bytes(scene.folder / SCENE_FILE) != before:
                 write_bytes(scene.folder / SCENE_FILE, before)
@@ -159,17 +182,35 @@ def write_recording(
     return entered
 
 
-def is_imported(scene: Scene, id_: str, imported_from: ImportedFrom) -> bool:
-    """Whether a recording is there, whole, from this very import."""
+def _gt_files(gt_path: Path) -> list[Path]:
+    return [path for path in (gt_path, origin_path(gt_path)) if path.exists()]
+
+
+def _enter(scene: Scene, walk: Walk, is_replaced: bool) -> Scene:
+    """The scene with a walk in its split; one that was there stays where the user has put it."""
+    if walk.info.is_diverging:
+        return scene.with_excluded(walk.id, _DIVERGING)
+    if is_replaced and scene.excluded.get(walk.id) != _DIVERGING:
+        return scene
+    return scene.with_recording(walk.id, walk.split)
+
+
+def read_import(scene: Scene, id_: str) -> ImportedFrom | None:
+    """The import that a recording is of, if it is there, whole, and known to be of one."""
     path = scene.recording_folder(id_) / IMPORT_FILE
     try:
-        return decode(path, path.read_text(encoding="utf-8"), ImportedFrom) == imported_from
+        return decode(path, path.read_text(encoding="utf-8"), ImportedFrom)
     except (OSError, ValueError, VioAprError):
-        return False
+        return None
 
 
-def require_new(scene: Scene, id_: str) -> None:
+def require_new(scene: Scene, id_: str, *, overwrite: bool = False) -> None:
     """See that nothing of a recording is there, but for what a killed import left.
+
+    Args:
+        scene: Where to look.
+        id_: The recording's.
+        overwrite: Whether a recording may be there that an import wrote, with nothing of others.
 
     Raises:
         AlreadyExistsError: The recording exists, or ground truth that no import wrote.
@@ -177,10 +218,29 @@ def require_new(scene: Scene, id_: str) -> None:
     problem = "of this id exists: give another as `id`, or remove it first"
     folder, gt_path = scene.recording_folder(id_), scene.gt_path(id_)
     if folder.exists():
-        raise AlreadyExistsError(folder, f"a recording {problem}")
+        if not overwrite or read_import(scene, id_) is None:
+            raise AlreadyExistsError(folder, f"a recording {problem}")
+        _refuse_others(scene, id_)
     origin = scene.gt_origin(id_) if gt_path.exists() else None
     if gt_path.exists() and (origin is None or origin.writer != "importer"):
         raise AlreadyExistsError(gt_path, f"ground truth {problem}")
+
+
+def _refuse_others(scene: Scene, id_: str) -> None:
+    """See that a recording's folder has no files that an import does not write.
+
+    Raises:
+        AlreadyExistsError: It has.
+    """
+    folder = scene.recording_folder(id_)
+    images = set(scene.recording(id_).frames.image)
+    own = (INFO_FILE, FRAMES_FILE, IMU_FILE, GNSS_FILE, HEADING_FILE, IMPORT_FILE)
+    for path in sorted(folder.rglob("*")):
+        is_image = path.parent == folder / IMAGES_FOLDER and path.name in images
+        if path.is_file() and not is_image and not (path.parent == folder and path.name in own):
+            raise AlreadyExistsError(
+                path, "no import wrote it, and the recording is to be replaced: move it away first"
+            )
 
 
 def _write_files(folder: Path, walk: Walk, settings: WriteSettings, tick: Advance) -> None:

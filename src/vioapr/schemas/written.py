@@ -41,12 +41,14 @@ class ImportedFrom(Document, frozen=True, kw_only=True):
     Attributes:
         importer: Its name.
         made_from: Fingerprint of the source's path and of all options.
+        content: Digest of what the source held; "" where an earlier version did not note it.
     """
 
     FORMAT: ClassVar[str] = "vioapr import"
 
     importer: str
     made_from: str
+    content: str = ""
 
 
 class GroundTruthOrigin(Document, frozen=True, kw_only=True):
