@@ -182,8 +182,10 @@ def test_a_vio_of_the_imus_body(write, run, tmp_path):
     assert "deg about" in out
     calibration = tmp_path / "body_from_cam.txt"
     np.savetxt(calibration, BODY_FROM_CAM.to_matrix())
-    code, _, err = run("fuse", "--apr", apr, "--vio", vio, "--out", given, flag, calibration)
+    code, out, err = run("fuse", "--apr", apr, "--vio", vio, "--out", given, flag, calibration)
     assert (code, err) == (0, "")
+    arm = ", ".join(f"{each:.3f}" for each in BODY_FROM_CAM.translation_m)
+    assert re.search(rf"body_from_cam \d+\.\d deg about \(.*\); lever arm \({arm}\) m", out)
     medians = [float(np.median(position_errors_m(p, walk.gt))) for p in (wrong, auto, given)]
     assert medians[1] < 0.7 * medians[0]
     assert medians[1] < 1.2 * medians[2]

@@ -90,6 +90,14 @@ def test_a_calibration_is_read(name, tmp_path):
             "T_imu_cam: expected a unit quaternion",
         ),
         ("", "expected the transform"),
+        (
+            f"T_BS:\n  data: [{flat(MATRIX.T)}]\n",
+            r"T_BS: expected 0 0 0 1 as the last row of a matrix, got -0.0216 -0.0647 0.0098 1: "
+            "written column by column. Write it row by row",
+        ),
+        (flat(INVERSE.T), "the matrix: expected 0 0 0 1 as the last row"),
+        (f"T_cam_imu: {nested(INVERSE.T)}", "T_cam_imu: expected 0 0 0 1 as the last row"),
+        (flat(np.vstack([MATRIX[:3], [0, 0, 0, 0]])), "last row of a matrix, got 0 0 0 0$"),
     ],
 )
 def test_other_files_are_refused(text, message, tmp_path):

@@ -152,6 +152,13 @@ def mirrored():
         ((0.0, np.eye(3), HERE), r"apr_world_from_cam: expected a 4x4 matrix .* got \(3, 3\)"),
         ((0.0, HERE, np.eye(4) * 2), "vio_from_cam: expected a rotation"),
         ((0.0, mirrored(), HERE), "not mirrored.*determinant -1"),
+        (
+            (0.0, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [4, 5, 6, 1.0]]), HERE),
+            "apr_world_from_cam: expected 0 0 0 1 as the last row of a matrix, got 4 5 6 1: "
+            "written column by column. Give its transpose",
+        ),
+        ((0.0, HERE, np.eye(4) + np.eye(4, k=-3)), "got 1 0 0 1: written column by column"),
+        ((0.0, HERE, np.diag([1.0, 1, 1, 0])), "vio_from_cam: expected 0 0 0 1 .* got 0 0 0 0$"),
         ((0.0, np.full((4, 4), np.nan), HERE), "apr_world_from_cam: expected finite numbers"),
         ((0.0, Rigid3(np.full(3, np.inf), np.eye(4)[3]), HERE), "expected finite numbers"),
         ((0.0, HERE, Rigid3(np.zeros(3), np.zeros(4))), "unit quaternion, got one of norm 0"),

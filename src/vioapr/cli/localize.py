@@ -18,7 +18,12 @@ from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import COMPARED, compare_methods
 from vioapr.files.outputs import check_outputs
 from vioapr.formats.base import ReadOptions, TimeUnit
-from vioapr.formats.body_from_cam import AUTO, describe_mount, read_body_from_cam
+from vioapr.formats.body_from_cam import (
+    AUTO,
+    describe_mount,
+    describe_transform,
+    read_body_from_cam,
+)
 from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import default_params
 from vioapr.geometry.rigid import Rigid3
@@ -156,7 +161,9 @@ def _read_frames(recording: Path | None, images: str | None, options: ImportOpti
 def _find_mount(vio_from_cam: str, model: Path, threads: int | None, frames: WalkFrames) -> Rigid3:
     """Read or estimate body_from_cam, and say it."""
     if vio_from_cam != AUTO:
-        return read_body_from_cam(Path(vio_from_cam))
+        body_from_cam = read_body_from_cam(Path(vio_from_cam))
+        say(f"{frames.name}: {describe_transform(body_from_cam)}")
+        return body_from_cam
     some = mount_frames(frames)
     localizer = OnnxLocalizer(model, threads=threads)
     with progress("finding how the camera is mounted", len(some)) as tick:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vioapr.errors import AssociationError, FormatError, ParameterError
 from vioapr.files.text import read_text
 from vioapr.formats.common_motion import find_common_frames
+from vioapr.formats.matrix_order import are_transposed, explain_last_row, explain_transposed
 from vioapr.formats.pair_checks import describe_rotation
 from vioapr.formats.readings import HAND_EYE_TITLE, OPENGL, compare_readings
 from vioapr.geometry import quaternion
@@ -99,10 +100,14 @@ def _to_transform(path: Path, key: str, values: NDArray[np.float64]) -> Rigid3:
     if len(values) not in (12, 16):
         raise FormatError(path, f"{key}: expected 16 numbers (4x4 by rows), got {len(values)}")
     matrix = values.reshape(-1, 4)
+    if len(matrix) == 4 and are_transposed(matrix[None])[0]:
+        raise FormatError(path, f"{key}: {explain_transposed(matrix)} Write it row by row")
     rotation = matrix[:3, :3]
     off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if off > _ORTHONORMAL or np.linalg.det(rotation) < 0:
         raise FormatError(path, f"{key}: expected a rotation, got a matrix that is none")
+    if len(matrix) == 4 and (explained := explain_last_row(matrix)):
+        raise FormatError(path, f"{key}: {explained}")
     return Rigid3(matrix[:3, 3].copy(), quaternion.from_matrix(rotation))
 
 
@@ -187,13 +192,19 @@ def turn_to_camera(
     if isinstance(vio_from_cam, Rigid3) or vio_from_cam != AUTO:
         is_known = isinstance(vio_from_cam, Rigid3)
         body_from_cam = vio_from_cam if is_known else read_body_from_cam(Path(vio_from_cam))
-        return to_camera(vio, body_from_cam), f"body_from_cam {describe_rotation(body_from_cam)}"
+        return to_camera(vio, body_from_cam), describe_transform(body_from_cam)
     if camera is None:
         raise ParameterError(
             "vio_from_cam: auto needs another track of the walk's camera: give a file instead"
         )
     found = estimate_body_from_cam(vio, camera, tolerance_s)
     return to_camera(vio, found.body_from_cam), describe_mount(found)
+
+
+def describe_transform(body_from_cam: Rigid3) -> str:
+    """Say a transform that is given: rotation and lever arm."""
+    arm = ", ".join(f"{each:.3f}" for each in body_from_cam.translation_m.tolist())
+    return f"body_from_cam {describe_rotation(body_from_cam)}; lever arm ({arm}) m"
 
 
 def describe_mount(found: HandEye) -> str:

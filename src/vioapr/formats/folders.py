@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from vioapr.errors import FileMissingError, FormatError, UnreadableError
 from vioapr.files.tables import Rows, parse_rows
 from vioapr.files.text import natural_key, read_text
-from vioapr.formats.poses import rigid_of_matrices
+from vioapr.formats.base import ReadOptions
+from vioapr.formats.poses import rigid_of_file
 from vioapr.geometry.rigid import Rigid3
 
 
@@ -69,12 +70,15 @@ def require_frames(path: Path, files: list[Path], wanted: str) -> list[Path]:
     raise FormatError(path, f"expected {wanted}, found none")
 
 
-def read_matrix_files(path: Path, files: Sequence[Path]) -> tuple[Rows, Rigid3]:
+def read_matrix_files(
+    path: Path, files: Sequence[Path], options: ReadOptions
+) -> tuple[Rows, Rigid3]:
     """Read files of a 4x4 matrix each.
 
     Args:
         path: The folder, for messages about single matrices.
         files: The files, in order.
+        options: Where to say that the matrices are transposed.
 
     Returns:
         A row a file; the matrices as they are, in whatever convention, shape (n,).
@@ -89,4 +93,4 @@ def read_matrix_files(path: Path, files: Sequence[Path]) -> tuple[Rows, Rigid3]:
             raise FormatError(file, f"expected a 4x4 matrix, got {len(table)} rows")
         matrices.append(table.numbers(slice(0, 4)))
     rows = Rows.numbered(path, len(files))
-    return rows, rigid_of_matrices(rows, np.array(matrices))
+    return rows, rigid_of_file(rows, np.array(matrices), options)

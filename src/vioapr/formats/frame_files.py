@@ -20,7 +20,7 @@ from vioapr.files.text import natural_key, read_text
 from vioapr.formats import conventions
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.named import build_named
-from vioapr.formats.poses import build_trajectory, rigid_of_matrices
+from vioapr.formats.poses import build_trajectory, rigid_of_file
 from vioapr.schemas.foreign_json import as_numbers, load_object
 from vioapr.trajectory import Trajectory
 
@@ -206,7 +206,7 @@ def build_track(
     for frame in found.frames:
         row = line_of[str(frame.path)] - 1
         matrices[row], times[row] = frame.matrix, frame.timestamp_s
-    poses = conventions.world_from_arcam(rigid_of_matrices(rows, matrices))
+    poses = conventions.world_from_arcam(rigid_of_file(rows, matrices, options))
     names = [f"{file.stem}.jpg" for file in paths]
     if not np.isfinite(times).any():
         return build_named(rows, names, poses, options, target="vio")

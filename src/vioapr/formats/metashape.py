@@ -20,6 +20,7 @@ from vioapr.errors import FormatError, ParameterError
 from vioapr.files.tables import Rows
 from vioapr.files.text import read_text
 from vioapr.formats.base import Format, ReadOptions
+from vioapr.formats.matrix_order import TRANSPOSED, to_rows
 from vioapr.formats.named import build_named
 from vioapr.formats.poses import rigid_of_matrices
 from vioapr.geometry.rigid import Rigid3
@@ -58,22 +59,26 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         raise FormatError(path, "expected cameras in the chunk, got none")
     names: list[str] = []
     matrices: list[NDArray[np.float64]] = []
+    similarities: list[_World] = []
     worlds = _world_from_chunk(path, chunk)
     for entry, camera in enumerate(cameras, start=1):
         names.append(camera.get("label") or f"camera-{camera.get('id', entry)}")
         transform = camera.find("transform")
+        similarities.append(worlds.get(camera.get("component_id"), worlds[None]))
         if transform is None:
             matrices.append(np.full((4, 4), np.nan))
-            continue
-        matrix = _numbers(path, transform, 16, "a camera's transform", entry).reshape(4, 4)
-        rotation, translation, scale = worlds.get(camera.get("component_id"), worlds[None])
-        world = np.eye(4)
-        with np.errstate(all="ignore"):  # numbers too large are found with the poses
-            world[:3, :3] = rotation @ matrix[:3, :3]
-            world[:3, 3] = scale * (rotation @ matrix[:3, 3]) + translation
-        matrices.append(world)
+        else:
+            numbers = _numbers(path, transform, 16, "a camera's transform", entry)
+            matrices.append(numbers.reshape(4, 4))
     rows = Rows.numbered(path, len(names))
-    poses: Rigid3 = rigid_of_matrices(rows, np.array(matrices))
+    in_chunk, is_transposed = to_rows(np.array(matrices))
+    if is_transposed:
+        options.note(path, TRANSPOSED, is_warning=True)
+    for matrix, (rotation, translation, scale) in zip(in_chunk, similarities, strict=True):
+        with np.errstate(all="ignore"):  # numbers too large are found with the poses
+            matrix[:3, 3] = scale * (rotation @ matrix[:3, 3]) + translation
+            matrix[:3, :3] = rotation @ matrix[:3, :3]
+    poses: Rigid3 = rigid_of_matrices(rows, in_chunk)
     _note_world(path, chunk, poses, options)
     return build_named(rows, names, poses, options)
 

@@ -19,7 +19,7 @@ from vioapr.files.text import read_text, write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions, TimeUnit
 from vioapr.formats.named import build_named, writable_names
-from vioapr.formats.poses import build_trajectory, rigid_of_matrices
+from vioapr.formats.poses import build_trajectory, rigid_of_file
 from vioapr.formats.times import PER_SECOND, UNIT_NAMES, find_time_unit
 from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 from vioapr.trajectory import Trajectory
@@ -94,7 +94,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         matrix = frame.get("transform_matrix")
         matrices.append(as_numbers(path, matrix, (4, 4), '"transform_matrix"', entry))
     rows = Rows.numbered(path, len(names))
-    poses = conventions.world_from_arcam(rigid_of_matrices(rows, np.array(matrices)))
+    poses = conventions.world_from_arcam(rigid_of_file(rows, np.array(matrices), options))
     timed = read_frame_times(members, options.time_unit) if options.rate_hz is None else None
     if timed is None or options.sequence is not None:
         return build_named(rows, names, poses, options)

@@ -20,7 +20,7 @@ from vioapr.files.tables import Rows, all_numbers, format_rows, head_rows, is_nu
 from vioapr.files.text import read_text, write_text
 from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.poses import build_trajectory, index_times, rigid_of_matrices
+from vioapr.formats.poses import build_trajectory, index_times, rigid_of_file
 from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 from vioapr.trajectory import Trajectory
 
@@ -77,7 +77,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     times = index_times(len(rows), options)
     if options.rate_hz is not None and (np.diff(frames) > 0).all():
         times = (np.array(frames) - frames[0]) / options.rate_hz
-    poses = rigid_of_matrices(rows, matrices)
+    poses = rigid_of_file(rows, matrices, options)
     return build_trajectory(rows, times, poses, options, is_timed=options.rate_hz is not None)
 
 
@@ -89,7 +89,7 @@ def _read_json(path: Path, text: str, options: ReadOptions) -> Trajectory:
         columns = as_numbers(path, fields.get("extrinsic"), (16,), '"extrinsic"', entry)
         matrices.append(columns.reshape(4, 4).T)
     rows = Rows.numbered(path, len(matrices))
-    poses = conventions.cam_from_world(rigid_of_matrices(rows, np.array(matrices)))
+    poses = conventions.cam_from_world(rigid_of_file(rows, np.array(matrices), options))
     times, is_timed = index_times(len(rows), options), options.rate_hz is not None
     return build_trajectory(rows, times, poses, options, is_timed=is_timed)
 

@@ -11,6 +11,12 @@ from vioapr.errors import FormatError, ParameterError
 from vioapr.files.tables import RowProblem, Rows
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.left_out import NO_POSE, distance_text, find_sound_rows
+from vioapr.formats.matrix_order import (
+    TRANSPOSED,
+    are_transposed,
+    explain_transposed,
+    to_rows,
+)
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import UNIT_TOLERANCE, Trajectory
@@ -61,8 +67,8 @@ def poses_of(rows: Rows, position_m: NDArray[np.float64], quat_xyzw: NDArray[np.
 def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
     """Check 3x4 or 4x4 matrices of a file and make them poses, in whatever convention it has.
 
-    Rows that give no pose (not finite, too far, or no rotation in the left 3x3 part) are noted
-    and get NaN, as in `poses_of`.
+    Rows that give no pose (not finite, too far, transposed, or no rotation in the left 3x3 part)
+    are noted and get NaN, as in `poses_of`.
 
     Args:
         rows: Where each came from.
@@ -77,9 +83,12 @@ def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
     products = rotations @ np.swapaxes(rotations, -1, -2)
     is_orthonormal = (np.abs(products - np.eye(3)) <= MATRIX_TOLERANCE).all(axis=(1, 2))
     is_mirror = is_orthonormal & (np.linalg.det(rotations) < 0)
-    bad = np.asarray(~is_orthonormal | is_mirror)
+    is_transposed = are_transposed(matrices)
+    bad = np.asarray(~is_orthonormal | is_mirror | is_transposed)
     for row in np.flatnonzero(bad).tolist():
-        if not is_sane[row]:
+        if is_transposed[row]:
+            text = explain_transposed(matrices[row])
+        elif not is_sane[row]:
             text = "expected finite numbers and a rotation matrix"
         elif is_mirror[row]:
             text = (
@@ -87,10 +96,25 @@ def rigid_of_matrices(rows: Rows, matrices: NDArray[np.float64]) -> Rigid3:
             )
         else:
             text = "expected a rotation matrix, got one not orthonormal"
-        summary = NO_POSE if is_nothing[row] else "matrix is no rotation"
+        what = "matrix is transposed" if is_transposed[row] else "matrix is no rotation"
+        summary = NO_POSE if is_nothing[row] else what
         rows.problems.setdefault(rows.lines[row], RowProblem(text, summary))
     quats = quaternion.from_matrix(np.where(bad[:, None, None], np.eye(3), rotations))
     return poses_of(rows, positions, np.where(bad[:, None], np.nan, quats))
+
+
+def rigid_of_file(rows: Rows, matrices: NDArray[np.float64], options: ReadOptions) -> Rigid3:
+    """Make all matrices of a file poses, as `rigid_of_matrices`, and transpose them if need be.
+
+    Args:
+        rows: Where each came from.
+        matrices: Shape (n, 4, 4), in the order of the file's format.
+        options: Where to say that the file has the other order.
+    """
+    matrices, is_transposed = to_rows(matrices)
+    if is_transposed:
+        options.note(rows.path, TRANSPOSED, is_warning=True)
+    return rigid_of_matrices(rows, matrices)
 
 
 def quaternions_of_rotvecs(rotvec_rad: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -52,7 +52,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     folder = find_pose_folder(path)
     wanted = "a folder of ScanNet's pose/0.txt, pose/1.txt, ..."
     files = require_frames(path, find_frames(folder, _PATTERN), wanted)
-    rows, poses = read_matrix_files(path, files)
+    rows, poses = read_matrix_files(path, files, options)
     return build_named(rows, [f"{file.stem}.jpg" for file in files], poses, options)
 
 

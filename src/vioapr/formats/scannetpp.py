@@ -19,7 +19,7 @@ from vioapr.files.tables import Rows
 from vioapr.files.text import natural_key, read_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.named import build_named
-from vioapr.formats.poses import build_trajectory, rigid_of_matrices
+from vioapr.formats.poses import build_trajectory, rigid_of_file
 from vioapr.formats.times import seconds_of
 from vioapr.schemas.foreign_json import as_numbers, load_object
 from vioapr.trajectory import Trajectory
@@ -51,7 +51,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         if "timestamp" in frame:
             times.append(float(as_numbers(path, frame["timestamp"], (), '"timestamp"', entry)))
     rows = Rows.numbered(path, len(keys))
-    poses = rigid_of_matrices(rows, np.array(matrices))
+    poses = rigid_of_file(rows, np.array(matrices), options)
     names = [f"{key}.jpg" for key in keys]
     if len(times) < len(keys):
         return build_named(rows, names, poses, options)

@@ -55,7 +55,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         prefix + file.relative_to(path).as_posix().removesuffix(_POSE_SUFFIX) + _IMAGE_SUFFIX
         for file in files
     ]
-    rows, poses = read_matrix_files(path, files)
+    rows, poses = read_matrix_files(path, files, options)
     return build_named(rows, names, poses, options)
 
 

@@ -22,7 +22,7 @@ from vioapr.files.tables import RowProblem, Rows
 from vioapr.files.text import read_text
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.left_out import NO_POSE
-from vioapr.formats.poses import build_trajectory, rigid_of_matrices
+from vioapr.formats.poses import build_trajectory, rigid_of_file
 from vioapr.formats.times import seconds_of
 from vioapr.geometry import quaternion
 from vioapr.schemas.foreign_json import as_numbers
@@ -88,7 +88,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     if kind == _OUTPUT:
         text = "poses are taken for the primary camera's: some versions write the IMU's"
         options.note(path, text, is_warning=False)
-    poses = rigid_of_matrices(rows, np.array(matrices))
+    poses = rigid_of_file(rows, np.array(matrices), options)
     seconds = seconds_of(path, np.array(times), options, fixed="s")
     source = "cam" if kind in _OF_CAMERA else "device"
     return build_trajectory(rows, seconds, poses, options, source=source)

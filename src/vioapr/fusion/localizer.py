@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vioapr.errors import ParameterError
+from vioapr.formats.matrix_order import are_transposed, explain_last_row, explain_transposed
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.types import Estimate, FrameInput, Status
 from vioapr.geometry.rigid import Rigid3
@@ -119,6 +120,8 @@ def _to_rigid(name: str, value: Rigid3 | ArrayLike | None) -> Rigid3:
             raise ParameterError(f"{name}: expected a 4x4 matrix or a Rigid3, got {matrix.shape}")
         if not np.isfinite(matrix).all():
             raise ParameterError(f"{name}: expected finite numbers, got NaN or inf")
+        if are_transposed(matrix[None])[0]:
+            raise ParameterError(f"{name}: {explain_transposed(matrix)} Give its transpose")
         rotation = matrix[:3, :3]
         determinant = float(np.linalg.det(rotation))
         error = np.abs(rotation @ rotation.T - np.eye(3)).max()
@@ -127,6 +130,8 @@ def _to_rigid(name: str, value: Rigid3 | ArrayLike | None) -> Rigid3:
                 f"{name}: expected a rotation (orthonormal, not mirrored) in the upper left 3x3 "
                 f"of the matrix, got determinant {determinant:.4g}"
             )
+        if explained := explain_last_row(matrix):
+            raise ParameterError(f"{name}: {explained}")
         value = Rigid3.from_matrix(matrix)
     pose = cast("Rigid3", value)
     position_m = np.asarray(pose.translation_m, dtype=np.float64)

@@ -15,6 +15,7 @@ from vioapr.formats.frame_files import (
     read_polycam,
     read_scanner_app,
 )
+from vioapr.formats.matrix_order import TRANSPOSED
 from vioapr.importers import nerfstudio
 from vioapr.importers.base import (
     ImportedScene,
@@ -105,6 +106,8 @@ def build_walk(
         intrinsics=Intrinsics(*np.array([frame.camera for frame in found.frames]).T),
         up="definition",
     )
+    if poses.is_transposed:
+        walk.warn(TRANSPOSED)
     if not is_timed:
         text = f"no timestamps: counted at {options.rate_hz or _DEFAULT_RATE_HZ:g} Hz"
         (walk.warn if options.rate_hz is None else walk.note)(text)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.files.images import probe_image
 from vioapr.files.text import natural_key
+from vioapr.formats.matrix_order import TRANSPOSED
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
     ImportedScene,
@@ -80,6 +81,8 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
         up=world.up,
     )
     turn_upright(walk)
+    if poses.is_transposed:
+        walk.warn(TRANSPOSED)
     walk.intrinsics = read_cameras(found, images, walk)
     say_paths(walk, paths)
     say_problems(walk, found)

@@ -26,7 +26,7 @@ class TransformsFrame:
     Attributes:
         entry: Its 1-based number in the file.
         file_path: Of its image, as written.
-        matrix: Shape (4, 4), world_from_cam, OpenGL axes; NaN where it is unusable.
+        matrix: Shape (4, 4), world_from_cam, OpenGL axes, as written; NaN where it is unusable.
         members: All that the file says of it.
     """
 
@@ -114,6 +114,8 @@ def read_matrix(path: Path, value: object, entry: int) -> tuple[NDArray[np.float
             numbers = as_numbers(path, value, shape, '"transform_matrix"', entry)
         except FormatError:
             continue
-        matrix = np.vstack([numbers.reshape(-1, 4)[:3], [0.0, 0.0, 0.0, 1.0]])
-        return matrix, None
+        rows = numbers.reshape(-1, 4)
+        if not np.isfinite(rows).any():
+            return unusable, 'expected finite numbers in its "transform_matrix"'
+        return (rows if len(rows) == 4 else np.vstack([rows, [0.0, 0.0, 0.0, 1.0]])), None
     return unusable, 'expected a "transform_matrix" of 4x4 numbers'

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.formats.matrix_order import to_rows
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import Up
@@ -102,6 +103,7 @@ def find_maker(found: Transforms, poses: Rigid3) -> tuple[bool, str, str]:
 def is_app_turn(found: Transforms) -> bool:
     """Whether `applied_transform` is the one of phone apps' captures."""
     matrix, problem = read_matrix(found.path, found.members.get("applied_transform"), 1)
+    matrix = to_rows(matrix[None])[0][0]
     return problem is None and np.allclose(matrix[:3, :3], _APP_TURN, atol=1e-6)
 
 
@@ -120,6 +122,7 @@ def undo_applied(found: Transforms, world: World) -> None:
     matrix, problem = read_matrix(found.path, given, 1)
     if problem:
         raise FormatError(found.path, problem.replace("transform_matrix", "applied_transform"))
+    matrix = to_rows(matrix[None])[0][0]
     rotation = matrix[:3, :3]
     length = float(np.cbrt(abs(np.linalg.det(rotation))))
     is_turn = length > 1e-6 and np.allclose(rotation.T @ rotation, length**2 * np.eye(3), atol=1e-3)
