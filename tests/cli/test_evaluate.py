@@ -15,12 +15,30 @@ def test_tables_and_files(run, walk_dir, tmp_path):
     assert code == 0, err
     for words in ("Set, VIO sim, regressor net", "only keyframes", "all frames", "raw"):
         assert words in out
+    assert "Set, VIO sim, regressor net: content jumps and stated sigmas" in out
     (group,) = json.loads((tmp_path / "out.json").read_text())
+    jumps = {row["method"]: row["figures"]["jumps_per_min"] for row in group["reliability"]}
+    assert jumps["vio"] == 0 < jumps["vio-apr"] < jumps["apr"]
     assert (group["set"], group["vio"], group["apr"]) == ("Set", "sim", "net")
     with (tmp_path / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 4 * 60
     assert {row["method"] for row in rows} == {"apr", "vio", "vio-apr", "consensus"}
+
+
+def test_csv_has_the_second_tables_figures_in_the_rows_of_all_frames(run, walk_dir):
+    command = ("evaluate", walk_dir, "--methods", "vio-apr,consensus")
+    code, out, err = run(*command, "--format", "csv")
+    assert code == 0, err
+    rows = list(csv.DictReader(out.splitlines()))
+    assert [row["method"] for row in rows] == [*["vio-apr"] * 4, "consensus"]
+    (group,) = json.loads(run(*command, "--json", "-")[1])
+    figures = {row["method"]: row["figures"] for row in group["reliability"]}
+    for row in rows:
+        for name, value in figures[row["method"]].items():
+            is_known = value is not None and row["frames"] == "all frames"
+            assert row[name] == (repr(value) if is_known else "")
+    assert figures["consensus"]["risk_50_m"] > 0
 
 
 @pytest.mark.slow

@@ -122,6 +122,43 @@ def test_json_is_what_its_schema_accepts(groups):
         validator("group-record").validate(to_plain(record))
 
 
+def test_reliability_is_a_row_a_method_of_means_over_walks(groups):
+    rows = {row.method: row for row in groups[1].reliability}
+    assert list(rows) == list(METHODS)
+    own = [r.reliability for r in groups[1].results if r.method == "vio-apr"]
+    figures = rows["vio-apr"].figures
+    assert rows["vio-apr"].walks == len(own) == 4
+    assert figures.jumps_per_min == pytest.approx(np.mean([r.jumps_per_min for r in own]))
+    assert figures.largest_jump_m == max(r.largest_jump_m for r in own)
+    assert figures.mean_m == pytest.approx(np.mean([r.mean_m for r in own]))
+    # Raw predictions move the map at every frame, odometry that is placed once never.
+    assert rows["apr"].figures.jumps_per_min > 60
+    assert rows["vio"].figures.largest_jump_m < 1e-9
+    data = to_plain(to_records(groups))[1]
+    row = data["reliability"][2]
+    assert row["figures"]["largest_jump_m"] == figures.largest_jump_m
+    assert row["figures"]["risk_area_m"] is None  # vio-apr states no sigmas
+    assert data["walks"][-1]["reliability"]["mean_m"] == own[-1].mean_m
+
+
+def test_content_jumps_are_those_of_the_live_view(cases):
+    params = {"vio-apr": get_method("vio-apr").params_type()}
+    live, later = (evaluate_cases(cases[:1], params, view=v)[0] for v in ("live", "retrospective"))
+    assert (live.status != later.status).any()
+    np.testing.assert_array_equal(live.content.step_m, later.content.step_m)
+
+
+def test_a_method_with_sigmas_has_risk_figures(cases):
+    (result,) = evaluate_cases(cases[:1], default_params(["consensus"]))
+    found = result.reliability
+    assert np.isfinite(found).all()
+    assert found.risk_50_m <= result.errors.position_m.max()
+    rows = list(csv.DictReader(io.StringIO(to_csv([result]))))
+    assert float(rows[5]["sigma_position_m"]) == result.sigma_position_m[5]
+    assert float(rows[5]["content_step_m"]) == result.content.step_m[5]
+    assert rows[0]["content_step_m"] == "nan"
+
+
 def test_one_call_fuses_and_groups(cases, results, groups):
     found = tabulate(cases, default_params(METHODS))
     assert [result.method for result in found.results] == [result.method for result in results]

@@ -31,6 +31,13 @@ def test_the_future_helps():
     assert np.mean(gains) < 1
 
 
+def test_smoothed_poses_have_no_place_of_the_tracking_world():
+    frames = PairedFrames(frames_of(simulate_walk(WalkParams(duration_s=10), 0)))
+    assert fuse_walk(CONSENSUS, PARAMS, frames).world_from_vio is not None
+    # That of one pass would not go with poses of both.
+    assert smooth_walk(CONSENSUS, PARAMS, frames).world_from_vio is None
+
+
 def test_reversing_twice_changes_nothing_but_where_worlds_begin():
     inputs = frames_of(simulate_walk(WalkParams(duration_s=10), 0))
     inputs.tracking_reset[7] = True

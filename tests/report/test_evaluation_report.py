@@ -14,7 +14,13 @@ from vioapr.fusion.methods import get_method
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.report.evaluation_report import count_report_ticks, write_report
-from vioapr.report.formatting import format_levels, format_median, format_p95, format_share
+from vioapr.report.formatting import (
+    format_levels,
+    format_median,
+    format_p95,
+    format_reliability,
+    format_share,
+)
 from vioapr.scene.walks import find_walks
 
 PARAMS = {name: get_method(name).params_type() for name in ("apr", "vio", "vio-apr")}
@@ -131,7 +137,7 @@ def test_overview_has_every_group_and_method(page, groups):
 
 def test_group_tables_are_the_papers(page, groups):
     _, parsed = page
-    for group, table in zip(groups, parsed.tables[2::2], strict=True):
+    for group, table in zip(groups, parsed.tables[2::3], strict=True):
         assert len(table) == 2 + len(group.rows)
         for row, cells in zip(group.rows, table[2:], strict=True):
             assert cells == [
@@ -148,9 +154,29 @@ def test_group_tables_are_the_papers(page, groups):
             ]
 
 
+def test_reliability_tables_have_a_row_a_method(page, groups):
+    text, parsed = page
+    for group, table in zip(groups, parsed.tables[3::3], strict=True):
+        assert table[0][2:5] == ["jumps/min", "largest m", "wrong and sure"]
+        for row, cells in zip(group.reliability, table[1:], strict=True):
+            assert cells == [row.method, str(row.walks), *format_reliability(row.figures)]
+    assert "beyond what the camera itself moved" in " ".join(text.split())
+
+
+def test_sigmas_bring_a_figure_of_risk(walks_dir, tmp_path):
+    cases = load_cases(find_walks([walks_dir / "SetB"]))
+    params = {"consensus": get_method("consensus").params_type()}
+    made = group_results(evaluate_cases(cases, params))[:1]
+    ticks = []
+    text, parsed = write(made, tmp_path, tick=lambda: ticks.append(1))
+    assert len(ticks) == count_report_ticks(made) == len(parsed.all("img")) == 4
+    assert "ordered by the true error" in text
+    assert (tmp_path / "figures" / "SetB_sim_bad_risk.svg").exists()
+
+
 def test_every_walk_has_its_own_figures(page, groups):
     _, parsed = page
-    for group, table in zip(groups, parsed.tables[3::2], strict=True):
+    for group, table in zip(groups, parsed.tables[4::3], strict=True):
         rows = {(cells[0], cells[1], cells[2]): cells[3:] for cells in table[2:]}
         assert len(rows) == len(group.results)
         for result in group.results:

@@ -240,6 +240,34 @@ def test_distribution_pools_all_walks(groups):
     assert len(legend_of(axis)) == 3
 
 
+def test_risk_grows_with_coverage_to_the_mean_error(results):
+    count = len(results[2].status)
+    errors = np.linspace(0.0, 2.0, count)
+    sure = dataclasses.replace(
+        with_errors(results[2], errors),
+        sigma_position_m=errors + 1,
+        sigma_orientation_deg=np.ones(count),
+    )
+    position, orientation = figures.risk_figure([results[0], sure]).axes
+    x, y = lines(position)["vio-apr: area 0.500 m"]
+    assert (x[-1], y[-1]) == (100, pytest.approx(1.0))
+    assert (np.diff(y) > 0).all()
+    # Equal sigmas tell nothing: the mean error at every coverage.
+    _, y = lines(orientation)["vio-apr: area 10.00°"]
+    np.testing.assert_allclose(y, 10)
+    assert len(legend_of(position)) == 1
+
+
+def test_risk_is_drawn_for_methods_that_state_sigmas(groups):
+    assert figures.count_figure_ticks(groups) == 3 * len(groups)
+    case = groups[0].results[0].case
+    (group,) = group_results(evaluated([case], ["apr", "consensus"]))
+    axis = figures.risk_figure(group.results).axes[0]
+    assert [text.split(":")[0] for text in legend_of(axis)] == ["consensus"]
+    assert figures.count_figure_ticks([group]) == 4
+    assert group.title in figures.caption(group, "risk")
+
+
 def test_representative_case_has_the_median_raw_error():
     cases = [simulated_case(seed, duration_s=20.0) for seed in range(5)]
     results = evaluated(cases, ["apr"])

@@ -31,9 +31,11 @@ from vioapr.report.evaluation_report import (
     write_report,
 )
 from vioapr.report.formatting import (
+    RELIABILITY_HEADERS,
     format_levels,
     format_median,
     format_p95,
+    format_reliability,
     format_share,
     format_walks,
 )
@@ -46,6 +48,11 @@ _HOW_TO_READ = (
     "Errors: position m / orientation deg, means over walks of each walk's median and 95th "
     "percentile. Levels: % within 0.25 m, 2 deg / 0.5 m, 5 deg / 5 m, 10 deg. "
     "raw: the regressor alone on the same frames."
+)
+_HOW_TO_READ_RELIABILITY = (
+    "Jumps: steps of displayed content above 5 cm beyond VIO's motion, at the camera or 3 m ahead. "
+    "Wrong and sure: error above 5 stated sigmas. Mean: error of all frames with a pose, m / deg; "
+    "surest: of that share of all frames, by stated sigma; risk area: averaged over all shares."
 )
 
 
@@ -180,13 +187,19 @@ def publish(
 
 def print_tables(groups: Sequence[Group], form: str = "table") -> None:
     """Print the tables of all groups, and how to read them."""
-    show([table_of(group) for group in groups], form, to_records(groups), [_HOW_TO_READ])
+    tables = [table_of(group) for group in groups]
+    tables += [reliability_table_of(group) for group in groups]
+    show(tables, form, to_records(groups), [_HOW_TO_READ, _HOW_TO_READ_RELIABILITY])
 
 
 def table_of(group: Group) -> Table:
-    """Lay out a group: a row a method and subset, raw figures beside the fused ones."""
+    """Lay out a group: a row a method and subset, raw figures beside the fused ones.
+
+    For programs, rows of all frames also have the figures of the second table.
+    """
     sections: list[list[Row]] = []
     previous = ""
+    figures_of = {row.method: row.figures._asdict() for row in group.reliability}
     for row in group.rows:
         if row.method != previous:
             sections.append([])
@@ -203,6 +216,8 @@ def table_of(group: Group) -> Table:
             **{name: float(value) for name, value in row.fused._asdict().items()},
             **{f"raw_{name}": float(value) for name, value in row.raw._asdict().items()},
         }
+        is_whole = row.subset == "all frames"
+        values |= {k: v if is_whole else None for k, v in figures_of[row.method].items()}
         sections[-1].append(Row(tuple(cells), values))
         previous = row.method
     columns = [Column("method", is_figure=False), Column("frames", is_figure=False)]
@@ -211,3 +226,11 @@ def table_of(group: Group) -> Table:
         columns += [Column(header), Column("raw", stays_with_last=True)]
     title = f"{group.title}: {format_walks(group)}"
     return Table(title, tuple(columns), sections)
+
+
+def reliability_table_of(group: Group) -> Table:
+    """Lay out whether content stays put and whether sigmas can be believed: a row a method."""
+    # For programs, the figures stand in the first table's rows.
+    rows = [Row((row.method, *format_reliability(row.figures)), {}) for row in group.reliability]
+    columns = (Column("method", is_figure=False), *map(Column, RELIABILITY_HEADERS))
+    return Table(f"{group.title}: content jumps and stated sigmas", columns, [rows])

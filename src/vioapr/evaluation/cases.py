@@ -31,6 +31,7 @@ class Case:
         apr: Name of the regressor, e.g. "posenet".
         frames: The frames, n of them.
         gt_world_from_cam: Ground truth, shape (n,); NaN where a frame has none.
+        has_clock: Whether the frames' times are seconds, not numbers of frames.
     """
 
     set_name: str
@@ -39,6 +40,7 @@ class Case:
     apr: str
     frames: PairedFrames
     gt_world_from_cam: Rigid3
+    has_clock: bool = True
 
     @property
     def has_gt(self) -> NDArray[np.bool_]:
@@ -118,7 +120,8 @@ def _pair_case(
     sigmas = read_sigmas_beside(walk.aprs[apr_name], apr)
     try:
         frames = pair_frames(apr, vio, tolerance_s, apr_sigmas=sigmas)
-        timestamp_s = frames.timestamp_s if apr.is_timed and vio.is_timed else None
+        has_clock = apr.is_timed and vio.is_timed
+        timestamp_s = frames.timestamp_s if has_clock else None
         gt_poses = poses_of_frames(tracks.gt, timestamp_s, frames.names, tolerance_s)
         if not gt_poses.is_known.any():
             raise AssociationError("no frame has ground truth: no common times or names")
@@ -126,4 +129,4 @@ def _pair_case(
         raise AssociationError(
             f"{walk.gt.parent}: {walk.aprs[apr_name].name} and {walk.vios[vio_name].name}: {error}"
         ) from None
-    return Case(walk.set_name, walk.walk, vio_name, apr_name, frames, gt_poses)
+    return Case(walk.set_name, walk.walk, vio_name, apr_name, frames, gt_poses, has_clock)

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.evaluation.cases import Case
+from vioapr.evaluation.content_jumps import ContentSteps, content_steps
 from vioapr.evaluation.metrics import PoseErrors, pose_errors
+from vioapr.evaluation.reliability import Reliability, measure_reliability
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import View, fuse_walks
@@ -35,6 +37,8 @@ class Result:
             frame has no prediction.
         sigma_position_m: Shape (n,), per axis, or None where the method has none.
         sigma_orientation_deg: Shape (n,), or None.
+        content: How content was moved, over all the case's frames, live in any view; None where
+            it is not known where content was shown.
     """
 
     case: Case
@@ -47,6 +51,13 @@ class Result:
     raw_errors: PoseErrors
     sigma_position_m: NDArray[np.float64] | None = None
     sigma_orientation_deg: NDArray[np.float64] | None = None
+    content: ContentSteps | None = None
+
+    @property
+    def reliability(self) -> Reliability:
+        """Whether content stays put, and whether stated sigmas can be believed."""
+        sigmas = (self.sigma_position_m, self.sigma_orientation_deg)
+        return measure_reliability(self.errors, *sigmas, self.content)
 
     def has_status(self, *statuses: Status) -> NDArray[np.bool_]:
         """Shape (n,), the frames with one of the statuses."""
@@ -102,6 +113,9 @@ def compare_with_gt(case: Case, method: str, fused: FusedWalk) -> Result:
     has_apr = inputs.has_apr[rows]
     estimate = fused.world_from_cam.at(rows)
     sigmas = (fused.sigma_position_m, fused.sigma_orientation_deg)
+    content = None
+    if fused.world_from_vio is not None:
+        content = content_steps(inputs, fused.world_from_vio, has_clock=case.has_clock)
     return Result(
         case,
         method,
@@ -112,4 +126,5 @@ def compare_with_gt(case: Case, method: str, fused: FusedWalk) -> Result:
         pose_errors(gt, estimate),
         PoseErrors(*(np.where(has_apr, error, np.nan) for error in raw)),
         *(None if sigma is None else sigma[rows] for sigma in sigmas),
+        content=content,
     )

@@ -13,11 +13,19 @@ import numpy as np
 from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import Result, compare_with_gt, evaluate_cases
 from vioapr.evaluation.metrics import Summary, summarize
+from vioapr.evaluation.reliability import Reliability, mean_reliability
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import default_params
 from vioapr.fusion.offline import View
 from vioapr.fusion.types import Status
-from vioapr.schemas.results import GroupRecord, RowRecord, SummaryRecord, WalkRecord
+from vioapr.schemas.results import (
+    GroupRecord,
+    MethodReliabilityRecord,
+    ReliabilityRecord,
+    RowRecord,
+    SummaryRecord,
+    WalkRecord,
+)
 from vioapr.work.progress import Tick, ignore
 
 SUBSETS: dict[str, tuple[Status, ...]] = {
@@ -50,6 +58,21 @@ class Row:
 
 
 @dataclass(frozen=True)
+class MethodReliability:
+    """A row of the second table: a method over all frames.
+
+    Attributes:
+        method: The method's name.
+        walks: How many cases there are.
+        figures: Means over walks of each walk's; of the largest jump, the largest.
+    """
+
+    method: str
+    walks: int
+    figures: Reliability
+
+
+@dataclass(frozen=True)
 class Group:
     """One table: a set of walks with one kind of odometry and one regressor.
 
@@ -61,6 +84,7 @@ class Group:
         raw: The raw regressor's figures on all frames that have a prediction.
         rows: One a method and subset.
         results: Those that it is of.
+        reliability: Rows of the second table, one a method.
     """
 
     set_name: str
@@ -70,6 +94,7 @@ class Group:
     raw: Summary
     rows: list[Row]
     results: list[Result]
+    reliability: list[MethodReliability]
 
     @property
     def title(self) -> str:
@@ -149,7 +174,11 @@ def group_results(results: Sequence[Result]) -> list[Group]:
             rows += [make_row(method, subset, own) for subset in subsets]
         first = next(iter(of_method.values()))
         raw = mean_summary([summarize(result.raw_errors) for result in first])
-        groups.append(Group(*key, len(first), raw, rows, members))
+        reliability = [
+            MethodReliability(method, len(own), mean_reliability([r.reliability for r in own]))
+            for method, own in of_method.items()
+        ]
+        groups.append(Group(*key, len(first), raw, rows, members, reliability))
     return groups
 
 
@@ -193,6 +222,12 @@ def to_records(groups: Sequence[Group]) -> list[GroupRecord]:
                 )
                 for row in group.rows
             ],
+            reliability=[
+                MethodReliabilityRecord(
+                    method=row.method, walks=row.walks, figures=_reliability_record(row.figures)
+                )
+                for row in group.reliability
+            ],
             walks=[
                 WalkRecord(
                     walk=result.case.walk,
@@ -202,6 +237,7 @@ def to_records(groups: Sequence[Group]) -> list[GroupRecord]:
                     statuses={s.label: int((result.status == s).sum()) for s in Status},
                     fused=_summary_record(summarize(result.errors)),
                     raw=_summary_record(summarize(result.raw_errors)),
+                    reliability=_reliability_record(result.reliability),
                 )
                 for result in group.results
             ],
@@ -214,21 +250,33 @@ def _summary_record(summary: Summary) -> SummaryRecord:
     return SummaryRecord(**{name: float(value) for name, value in summary._asdict().items()})
 
 
+def _reliability_record(figures: Reliability) -> ReliabilityRecord:
+    return ReliabilityRecord(**figures._asdict())
+
+
 CSV_COLUMNS = (
     "set,walk,vio,apr,method,timestamp_s,status,x,y,z,qx,qy,qz,qw,"
-    "position_error_m,orientation_error_deg"
+    "position_error_m,orientation_error_deg,sigma_position_m,sigma_orientation_deg,content_step_m"
 )
 
 
 def to_csv(results: Sequence[Result]) -> str:
-    """A row a frame with ground truth; unlocalized frames have `nan` as pose and errors."""
+    """A row a frame with ground truth; what is not known of it is `nan`.
+
+    Unlocalized frames have neither pose nor errors; methods without uncertainty no sigmas; and
+    content has not moved where it was not shown before.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS.split(","))
     for result in results:
         case = result.case
         labels = [case.set_name, case.walk, case.vio, case.apr, result.method]
-        numbers = np.column_stack([*result.world_from_cam, *result.errors]).tolist()
+        unknown = np.full(len(result.status), np.nan)
+        steps = None if result.content is None else result.content.step_m[case.has_gt]
+        columns = (result.sigma_position_m, result.sigma_orientation_deg, steps)
+        more = [unknown if column is None else column for column in columns]
+        numbers = np.column_stack([*result.world_from_cam, *result.errors, *more]).tolist()
         for time, status, row in zip(
             result.timestamp_s.tolist(), result.status.tolist(), numbers, strict=True
         ):

@@ -29,6 +29,9 @@ class FusedWalk:
         status: Shape (n,), integers of `Status`.
         sigma_position_m: Shape (n,), per axis, or None where the method has none.
         sigma_orientation_deg: Shape (n,), or None.
+        world_from_vio: Where the tracking world lies in the map, as known when each frame
+            arrived, in any view; shape (n,), NaN while unknown. None where that is not known, as
+            after smoothing or of a file.
     """
 
     timestamp_s: NDArray[np.float64]
@@ -36,6 +39,7 @@ class FusedWalk:
     status: NDArray[np.integer]
     sigma_position_m: NDArray[np.float64] | None = None
     sigma_orientation_deg: NDArray[np.float64] | None = None
+    world_from_vio: Rigid3 | None = None
 
     def __len__(self) -> int:
         return len(self.timestamp_s)

@@ -137,6 +137,7 @@ def in_view(view: View, frames: PairedFrames, estimates: Estimate) -> FusedWalk:
         None
         if estimates.sigma_orientation_deg is None
         else np.asarray(estimates.sigma_orientation_deg),
+        estimates.world_from_vio,
     )
     if view == "live":
         return live

@@ -70,7 +70,8 @@ def smooth_walks(
     smoothed: list[FusedWalk] = []
     for forward, backward in zip(forwards, backwards, strict=True):
         in_order = tree_at(Pass.of(backward), slice(None, None, -1))
-        smoothed.append(replace(forward, **average_passes(Pass.of(forward), in_order)._asdict()))
+        average = average_passes(Pass.of(forward), in_order)
+        smoothed.append(replace(forward, world_from_vio=None, **average._asdict()))
     return smoothed
 
 

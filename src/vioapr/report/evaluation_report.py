@@ -18,11 +18,13 @@ from vioapr.fusion.offline import View
 from vioapr.fusion.types import Status
 from vioapr.report.figures import FIGURES, count_figure_ticks, save_figures
 from vioapr.report.formatting import (
+    RELIABILITY_HEADERS,
     UNKNOWN,
     format_levels,
     format_median,
     format_number,
     format_p95,
+    format_reliability,
     format_share,
     format_walks,
 )
@@ -58,7 +60,8 @@ class Section:
         walks: How many there are, in words.
         raw_median: The raw regressor's, over all predictions.
         table: A row a method and subset of the frames.
-        figures: Drift, trajectories and distributions.
+        reliability: A row a method: content jumps, and whether sigmas can be believed.
+        figures: Drift, trajectories, distributions and, where sigmas are stated, risk.
         all_walks: A row a walk and method.
     """
 
@@ -67,6 +70,7 @@ class Section:
     walks: str
     raw_median: str
     table: Table
+    reliability: Table
     figures: Sequence[Figure]
     all_walks: Table
 
@@ -146,6 +150,7 @@ def write_report(
             walks=format_walks(group),
             raw_median=format_median(group.raw),
             table=make_group_table(group),
+            reliability=make_reliability_table(group),
             figures=[
                 embed_figure(one.png, one.svg, f"{one.kind}: {group.title}", one.caption)
                 for one in figures
@@ -249,6 +254,16 @@ def make_group_table(group: Group) -> Table:
         for row in group.rows
     ]
     return _compared_table(["method", "frames", "runs", "share"], rows, text_columns=2)
+
+
+def make_reliability_table(group: Group) -> Table:
+    """Make a row a method: content jumps, and errors of the frames that it is surest of."""
+    rows: list[list[str | Cell]] = [
+        [_method_cell(row.method, [group]), str(row.walks), *format_reliability(row.figures)]
+        for row in group.reliability
+    ]
+    heads = [[Heading(text) for text in ("method", "runs", *RELIABILITY_HEADERS)]]
+    return Table(heads, rows, text_columns=1, starts=[2, 4])
 
 
 def make_walks_table(group: Group) -> Table:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from vioapr.evaluation.metrics import Summary
+from vioapr.evaluation.reliability import Reliability
 from vioapr.evaluation.tables import Group
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.types import Status
@@ -35,6 +36,31 @@ def format_share(summary: Summary) -> str:
     """Share (%) of all frames that the summary counts."""
     share = float(summary.share)
     return f"{format_number(100 * share, 1)} %" if math.isfinite(share) else UNKNOWN
+
+
+RELIABILITY_HEADERS = (
+    "jumps/min",
+    "largest m",
+    "wrong and sure",
+    "mean",
+    "risk area",
+    "surest 50 %",
+    "surest 80 %",
+    "surest 95 %",
+)
+"""Of the texts that `format_reliability` gives."""
+
+
+def format_reliability(figures: Reliability) -> list[str]:
+    """Content jumps, the share (%) that is wrong and sure, and mean errors (m / deg)."""
+    jumps, largest, wrong, *errors = map(float, figures)
+    pairs = zip(errors[::2], errors[1::2], strict=True)
+    return [
+        format_number(jumps, 1),
+        format_error(largest),
+        f"{format_number(100 * wrong, 1)} %" if math.isfinite(wrong) else UNKNOWN,
+        *(_format_errors(*pair) for pair in pairs),
+    ]
 
 
 def format_walks(group: Group) -> str:

@@ -173,6 +173,7 @@ class LocalizedWalk:
             rigid.stack([one.world_from_cam for one in self.located]),
             np.array([int(one.status) for one in self.located]),
             *sigmas,
+            world_from_vio=rigid.stack([one.world_from_vio for one in self.located]),
         )
 
     @property

@@ -39,6 +39,41 @@ class RowRecord(Record, frozen=True, kw_only=True):
     raw: SummaryRecord
 
 
+class ReliabilityRecord(Record, frozen=True, kw_only=True):
+    """Whether content stays put, and whether stated sigmas can be believed; null where unknown."""
+
+    jumps_per_min: float | None
+    """Steps of displayed content above 5 cm, a minute: how far `world_from_vio` moves, from one
+    frame to the next, what is at the camera or 3 m ahead of it, the farther of the two."""
+    largest_jump_m: float | None
+    """The largest such step; over walks, the largest of all."""
+    wrong_and_sure: float | None
+    """Share of the frames with a sigma whose error is above 5 sigmas, in position or in
+    orientation."""
+    mean_m: float | None
+    """Mean position error of the frames with a pose: the risk area of sigmas that say nothing."""
+    mean_deg: float | None
+    risk_area_m: float | None
+    """Mean position error of the surest frames, by the stated sigma, averaged over all shares of
+    the frames."""
+    risk_area_deg: float | None
+    risk_50_m: float | None
+    """Mean position error of the surest 50 % of all frames; null if fewer have a pose."""
+    risk_50_deg: float | None
+    risk_80_m: float | None
+    risk_80_deg: float | None
+    risk_95_m: float | None
+    risk_95_deg: float | None
+
+
+class MethodReliabilityRecord(Record, frozen=True, kw_only=True):
+    """A method over all frames of a set: means over walks."""
+
+    method: str
+    walks: int
+    figures: ReliabilityRecord
+
+
 class WalkRecord(Record, frozen=True, kw_only=True):
     """A method on one walk."""
 
@@ -50,6 +85,7 @@ class WalkRecord(Record, frozen=True, kw_only=True):
     """Number of frames by status."""
     fused: SummaryRecord
     raw: SummaryRecord
+    reliability: ReliabilityRecord
 
 
 class GroupRecord(Record, frozen=True, kw_only=True):
@@ -63,6 +99,7 @@ class GroupRecord(Record, frozen=True, kw_only=True):
     raw: SummaryRecord
     """The raw regressor on all frames that have a prediction."""
     rows: list[RowRecord]
+    reliability: list[MethodReliabilityRecord]
     walks: list[WalkRecord]
 
 

@@ -1,7 +1,8 @@
-"""The paper's figures for any walks: drift, trajectories, and distributions of errors."""
+"""The paper's figures for any walks (drift, trajectories, distributions of errors), and risk."""
 
 from vioapr.report.figures.distribution import distribution_figure
 from vioapr.report.figures.drift import drift_figure
+from vioapr.report.figures.risk import risk_figure
 from vioapr.report.figures.saving import (
     FIGURES,
     FigureFiles,
@@ -21,6 +22,7 @@ __all__ = [
     "drift_figure",
     "representative_case",
     "results_of",
+    "risk_figure",
     "save_figures",
     "trajectory_figure",
 ]

@@ -12,6 +12,7 @@ from vioapr.evaluation.evaluate import Result
 from vioapr.evaluation.tables import Group
 from vioapr.report.figures.distribution import distribution_figure
 from vioapr.report.figures.drift import drift_figure
+from vioapr.report.figures.risk import risk_figure, states_sigmas
 from vioapr.report.figures.selection import finite_median, representative_case, results_of
 from vioapr.report.figures.trajectories import MAX_METHODS, trajectory_figure
 from vioapr.report.formatting import format_error, format_walks
@@ -41,12 +42,21 @@ FIGURES: dict[str, Callable[[Sequence[Result]], Any]] = {
     "drift": drift_figure,
     "trajectories": trajectory_figure,
     "distribution": distribution_figure,
+    "risk": risk_figure,
 }
+_OF_ALL_WALKS = ("distribution", "risk")
+"""Figures of all walks of a group; the others show one of them."""
+
+
+def kinds_of(group: Group) -> list[str]:
+    """The figures that a group gets: without risk where no method states its uncertainty."""
+    has_sigmas = any(map(states_sigmas, group.results))
+    return [kind for kind in FIGURES if kind != "risk" or has_sigmas]
 
 
 def count_figure_ticks(groups: Sequence[Group]) -> int:
     """How often `save_figures` calls its tick."""
-    return len(FIGURES) * len(groups)
+    return sum(len(kinds_of(group)) for group in groups)
 
 
 def save_figures(
@@ -68,8 +78,8 @@ def save_figures(
     saved = []
     for group, stem in zip(groups, file_stems(groups), strict=True):
         results = results_of(group, representative_case(group))
-        for kind, draw in FIGURES.items():
-            figure = draw(group.results if kind == "distribution" else results)
+        for kind in kinds_of(group):
+            figure = FIGURES[kind](group.results if kind in _OF_ALL_WALKS else results)
             png, svg = save_figure(figure, folder / "figures" / f"{stem}_{kind}")
             saved.append(FigureFiles(group, kind, png, svg, caption(group, kind)))
             if tick is not None:
@@ -87,6 +97,12 @@ def caption(group: Group, kind: str) -> str:
             "that the method answers. Medians are of the answered frames of all walks together; "
             "those of the tables are means over walks. Dotted: limits of the precision levels, "
             "each of which asks for position and orientation at once."
+        )
+    if kind == "risk":
+        return (
+            f"Mean error of the surest frames, by the stated sigma, over {walks} together "
+            f"({group.title}); frames without pose are never kept. Dotted: ordered by the true "
+            "error, the best that there can be. A flat line: sigmas that tell nothing."
         )
     case = representative_case(group)
     median = finite_median(results_of(group, case)[0].raw_errors.position_m)
