@@ -61,6 +61,13 @@ def test_parameters_reach_the_method(run, walk_dir, tmp_path):
     assert shares[0] < shares[1]
 
 
+def test_a_flag_that_no_method_takes_is_refused(run, fails, walk_dir):
+    line = fails("evaluate", walk_dir, "--methods", "apr,consensus", "--d-th", "1")
+    assert "--d-th is a flag of methods vio, vio-apr: expected flags of apr, consensus" in line
+    code, _, err = run("evaluate", walk_dir, "--methods", "apr,vio-apr", "--d-th", "1")
+    assert (code, err) == (0, "")
+
+
 def test_help_names_every_method(run):
     code, out, _ = run("evaluate", "--help")
     assert code == 0

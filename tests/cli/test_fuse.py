@@ -181,6 +181,41 @@ def test_what_the_regressor_states_is_used_found_or_named(run, files, tmp_path, 
     assert named.read_text() == found.read_text() != plain.read_text()
 
 
+FOREIGN = [
+    (("--method", "consensus", "--d-th", "2"), "--d-th is a flag of methods vio, vio-apr"),
+    (("--d-th", "0.5"), "--d-th is a flag of methods vio, vio-apr: expected flags of consensus"),
+    (("--method", "apr", "--n=4"), "--n is a flag of methods vio, vio-apr: expected flags of apr"),
+    (
+        ("--method", "vio-apr", "--pose_graph-prior-sigma-m", "1"),
+        "--pose-graph-prior-sigma-m is a flag of method pose-graph: expected flags of vio-apr",
+    ),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), FOREIGN, ids=lambda v: str(v)[:30])
+def test_flags_of_another_method_are_refused(fails, files, tmp_path, arguments, message):
+    line = fails("fuse", *files, "--out", tmp_path / "f.csv", *arguments)
+    assert message in line
+    assert "see vioapr fuse --help" in line
+    assert not (tmp_path / "f.csv").exists()
+
+
+@pytest.mark.parametrize("method", ["vio", "vio-apr"])
+def test_a_flag_of_two_methods_is_taken_by_both(run, files, tmp_path, method):
+    out = "--out", tmp_path / "f.csv"
+    code, _, err = run("fuse", *files, *out, "--method", method, "--d-th", "0.7")
+    assert (code, err) == (0, "")
+
+
+def test_sigmas_for_a_method_without_use_for_them_are_refused(
+    fails, files, tmp_path, walk_dir, rng
+):
+    sigmas = tmp_path / "s.csv"
+    write_sigmas(sigmas, walk_dir, rng)
+    line = fails("fuse", *files, "--method", "vio-apr", "--apr-sigma", sigmas, "--out", "f.csv")
+    assert "--apr-sigma: method vio-apr has no use for it, only consensus has" in line
+
+
 def test_a_bad_table_of_sigmas_is_refused(fails, files, tmp_path):
     sigmas = tmp_path / "s.csv"
     sigmas.write_text("timestamp_s,sigma_m\n1,1\n")

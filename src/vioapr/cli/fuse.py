@@ -11,6 +11,7 @@ from vioapr.cli.console import progress, say, warn_of_tracks
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.cli.streams import InputFile, OutputFile
 from vioapr.cli.tracks import read_track
+from vioapr.errors import ParameterError
 from vioapr.files.outputs import check_outputs
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions, TimeUnit
@@ -19,7 +20,7 @@ from vioapr.formats.pair_checks import Track
 from vioapr.formats.stated_sigmas import path_beside, read_sigmas, read_sigmas_beside
 from vioapr.formats.walk_checks import check_walk
 from vioapr.fusion.fused_walk import write_fused_csv
-from vioapr.fusion.methods import DEFAULT_METHOD, get_method
+from vioapr.fusion.methods import DEFAULT_METHOD, METHODS, get_method
 from vioapr.fusion.offline import View, fuse_walk
 from vioapr.fusion.pairing import check_pairing, pair_frames
 from vioapr.fusion.smoothing import smooth_walk
@@ -69,7 +70,8 @@ def fuse(
         vio_format: Format of the VIO poses, if it is not recognized.
         apr_sigma: What the regressor states of each prediction's error, a CSV with columns
             timestamp_s,sigma_position_m,sigma_orientation_deg (default: the file beside the
-            predictions whose name ends in .sigma.csv instead, if there is one).
+            predictions whose name ends in .sigma.csv instead, if there is one). For method
+            consensus.
         vio_from_cam: For a tracker that gives poses of an IMU's body (VINS, OpenVINS, Basalt,
             Kimera, Aria), or images turned since: how its camera is mounted, so that vio_from_cam
             can be had. auto estimates it by the predictions; FILE holds the constant transform
@@ -84,6 +86,9 @@ def fuse(
         vioapr fuse --apr apr.tum --vio vio.csv --out fused.csv
     """
     chosen, chosen_params = get_method(method), params_for(method, params)
+    if apr_sigma is not None and not chosen.uses_apr_sigma:
+        users = ", ".join(one.name for one in METHODS.values() if one.uses_apr_sigma)
+        raise ParameterError(f"`apr_sigma`: method {method} has no use for it, only {users} has")
     inputs = [apr, vio, apr_sigma or path_beside(apr)]
     if vio_from_cam not in (None, AUTO):
         inputs.append(Path(vio_from_cam))

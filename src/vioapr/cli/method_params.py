@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import field, make_dataclass
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
 from vioapr.cli.flags import split_names
+from vioapr.cli.parameters import Parameter
 from vioapr.errors import ParameterError
-from vioapr.fusion.methods import METHODS, get_method
+from vioapr.fusion.methods import DEFAULT_METHOD, METHODS, get_method
 
 _PARAMS_TYPES = list(dict.fromkeys(method.params_type for method in METHODS.values()))
 
@@ -28,6 +30,29 @@ else:
         ],
         frozen=True,
     )
+
+
+def find_foreign_flag(given: Iterable[Parameter], values: Mapping[str, object]) -> str:
+    """Find a flag that is given and that no chosen method takes.
+
+    Args:
+        given: The parameters whose flags are given.
+        values: Of the verb's parameters: of them, `method` or `methods` says what is chosen.
+
+    Returns:
+        What is wrong, or nothing.
+    """
+    names = str(values.get("methods") or values.get("method") or DEFAULT_METHOD)
+    chosen = [METHODS[name] for name in split_names(names) if name in METHODS]
+    for one in given:
+        takers = [method.name for method in METHODS.values() if method.params_type is one.owner]
+        if takers and chosen and not set(takers) & {method.name for method in chosen}:
+            which = "method" if len(takers) == 1 else "methods"
+            return (
+                f"{one.flag} is a flag of {which} {', '.join(takers)}: expected flags of "
+                f"{', '.join(method.name for method in chosen)}, or that method"
+            )
+    return ""
 
 
 def params_for(name: str, params: Any) -> Any:

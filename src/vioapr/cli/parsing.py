@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
@@ -31,7 +32,8 @@ def parse_flags(
     import tyro
 
     see = f"(see vioapr {name} --help)"
-    if problem := find_problem(arguments, list(parameters_of(function))):
+    parameters = list(parameters_of(function))
+    if problem := find_problem(arguments, parameters):
         raise VioAprError(f"{problem} {see}")
 
     @functools.wraps(function)
@@ -41,9 +43,16 @@ def parse_flags(
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
-            return tyro.cli(bind, prog=f"vioapr {name}", args=arguments, add_help=False)
+            call = tyro.cli(bind, prog=f"vioapr {name}", args=arguments, add_help=False)
     except SystemExit:
         raise VioAprError(f"{summarize_parser_message(messages.getvalue())} {see}") from None
+    if given := [one for one in given_parameters(arguments, parameters) if one.owner is not None]:
+        from vioapr.cli.method_params import find_foreign_flag  # the verb has such flags
+
+        values = inspect.signature(function).bind(*call.args, **call.keywords).arguments
+        if problem := find_foreign_flag(given, values):
+            raise VioAprError(f"{problem} {see}")
+    return call
 
 
 def find_problem(arguments: Sequence[str], parameters: Sequence[Parameter]) -> str:
@@ -55,11 +64,7 @@ def find_problem(arguments: Sequence[str], parameters: Sequence[Parameter]) -> s
     by_flag = {flag: one for one in parameters for flag in one.flags}
     if problem := _find_empty_path(arguments, by_flag):
         return problem
-    for number, word in enumerate(arguments):
-        if word == "--":
-            break
-        if not word.startswith("--") and not re.match(r"-[A-Za-z]", word):
-            continue
+    for number, word in _find_flags(arguments):
         given, has_value, value = word.partition("=")
         flag = given.replace("_", "-")
         if flag not in by_flag:
@@ -71,6 +76,22 @@ def find_problem(arguments: Sequence[str], parameters: Sequence[Parameter]) -> s
             expected = f"expected one of {', '.join(choices)}, got {value!r}"
             return f"{flag}: {expected}{suggest(value, choices)}"
     return ""
+
+
+def given_parameters(arguments: Sequence[str], parameters: Sequence[Parameter]) -> list[Parameter]:
+    """The parameters whose flags are given, whatever the values."""
+    by_flag = {flag: one for one in parameters for flag in one.flags}
+    flags = (word.partition("=")[0].replace("_", "-") for _, word in _find_flags(arguments))
+    return [by_flag[flag] for flag in flags if flag in by_flag]
+
+
+def _find_flags(arguments: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """The words that are flags, with their places."""
+    for number, word in enumerate(arguments):
+        if word == "--":
+            return
+        if word.startswith("--") or re.match(r"-[A-Za-z]", word):
+            yield number, word
 
 
 def _find_empty_path(arguments: Sequence[str], by_flag: dict[str, Parameter]) -> str:

@@ -116,6 +116,7 @@ class Method:
         step: From parameters, state and a frame, the next state and the estimate.
         is_batched: Whether leading batch axes are allowed; if not, the batch shape is ().
         extra: The optional package group that it needs, if any.
+        uses_apr_sigma: Whether it uses what a regressor states of its predictions' errors.
     """
 
     name: str
@@ -125,3 +126,4 @@ class Method:
     step: Callable[[Any, Any, FrameInput], tuple[Any, Estimate]]
     is_batched: bool = True
     extra: str | None = None
+    uses_apr_sigma: bool = False

@@ -162,4 +162,5 @@ METHOD = Method(
     params_type=ConsensusParams,
     init=init,
     step=step,
+    uses_apr_sigma=True,
 )
