@@ -78,11 +78,11 @@ def test_text_is_split_in_parts_as_it_is_whole(part, monkeypatch):
     monkeypatch.setattr(tables, "_PART_CHARACTERS", part)
     monkeypatch.setattr(table_rows, "_PART_ROWS", part)
     head = look_at(text.encode())
-    columns = read_columns(PATH, head, text, range(2), 1, "a b")
+    columns = read_columns(PATH, head, text, range(2), "a b", [1])
     np.testing.assert_array_equal(columns.values, whole)
     assert columns.rows.lines == list(range(1, 100, 2))
     assert columns.ticks == list(range(50))
-    assert columns.texts == [f"{row / 7}" for row in range(50)]
+    assert columns.texts == ([f"{row / 7}" for row in range(50)],)
 
 
 def test_headed_columns_come_in_the_order_asked_for(tmp_path):

@@ -53,7 +53,7 @@ def test_lost_frames(tmp_path):
     path = write(tmp_path / "out.jsonl", *lines)
     track = read_trajectory(path, None, ReadOptions(notes=notes))
     assert track.position_m[:, 0].tolist() == [1, 2, 4]
-    assert notes.warnings == ["2 rows have no pose (lines 1, 4): left out"]
+    assert notes.warnings == ["2 rows are not tracked (lines 1, 4): left out"]
     with pytest.raises(FormatError, match=":1: expected a tracked pose, got 'INIT'"):
         read_trajectory(path, None, ReadOptions(strict=True))
 

@@ -173,7 +173,9 @@ def test_decimal_commas(tmp_path):
 
 def test_further_columns_are_counted(tmp_path):
     reading = read_with_notes(write(tmp_path, *HEADERS["velocities"]))
-    assert [note.text for note in reading.notes] == ["10 further columns were passed over"]
+    assert [note.text for note in reading.notes] == [
+        "10 further columns were passed over: vx, vy, vz, wx, wy, wz, ax, ay, az, bgx"
+    ]
     reading = read_with_notes(write(tmp_path, *HEADERS["pandas"]))
     assert reading.notes == ()
 
@@ -315,7 +317,10 @@ def test_the_case_of_more_columns():
     truth = read_with_notes(folder / "truth.tum").trajectory
     reading = read_with_notes(folder / "state_estimate.txt")
     assert reading.format.name == "tum"
-    assert [note.text for note in reading.notes] == ["12 further columns were passed over"]
+    assert [note.text for note in reading.notes] == [
+        "12 further columns were passed over: Pr11, Pr12, Pr13, Pr22, Pr23, Pr33, Pt11, Pt12, "
+        "Pt13, Pt22, Pt23, Pt33"
+    ]
     np.testing.assert_allclose(reading.trajectory.timestamp_s, truth.timestamp_s, atol=1.1e-5)
     np.testing.assert_array_equal(reading.trajectory.position_m, truth.position_m)
     np.testing.assert_array_equal(reading.trajectory.quat_xyzw, truth.quat_xyzw)

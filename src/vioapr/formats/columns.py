@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from vioapr.formats.base import TimeUnit
 from vioapr.formats.matrix_names import find_matrix_columns
+from vioapr.formats.tracking_states import find_tracking_column
 
 _TIME_UNITS: dict[str, TimeUnit] = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
@@ -61,6 +62,7 @@ class Layout:
         time_unit: Its unit, where the name says it.
         nanoseconds: Column of the time's fraction in nanoseconds, where it has its own.
         images: Columns that may hold image names.
+        tracking: Column of the tracker's state, or None.
         metres: One unit of the positions in metres.
         passed_over: Names of columns that are not used, indices left out.
         rivals: Sentences about positions and rotations that could have been taken instead.
@@ -74,6 +76,7 @@ class Layout:
     time_unit: TimeUnit | None
     nanoseconds: int | None
     images: tuple[int, ...]
+    tracking: int | None
     metres: float
     passed_over: tuple[str, ...]
     rivals: tuple[str, ...]
@@ -161,7 +164,8 @@ def find_layout(names: Sequence[str]) -> Layout | None:
     time = times[0] if times else None
     nanoseconds = next((i for i in times[1:] if _is_fraction(columns, time, i)), None)
     images = tuple(i for i, (words, _) in enumerate(columns) if words and words[-1] in _IMAGE_WORDS)
-    used = {*position, *quat, *matrix, *images} | {i for i in (time, nanoseconds) if i is not None}
+    tracking = find_tracking_column([words for words, _ in columns])
+    used = {*position, *quat, *matrix, *images, time, nanoseconds, tracking}
     others = [i for i in range(len(names)) if i not in used and not _is_index(columns[i].words)]
     rivals: list[str] = []
     for what, groups, taken in (("position", positions, position), ("rotation", quats, quat)):
@@ -180,6 +184,7 @@ def find_layout(names: Sequence[str]) -> Layout | None:
         time_unit=_TIME_UNITS.get(unit or ""),
         nanoseconds=nanoseconds,
         images=images,
+        tracking=tracking,
         metres=_METRES.get((columns[position[0]].unit if position else None) or "m", 1.0),
         passed_over=tuple(names[i] for i in others),
         rivals=tuple(rivals),

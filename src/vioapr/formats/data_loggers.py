@@ -75,7 +75,7 @@ def read_arcore(path: Path, options: ReadOptions) -> Trajectory:
     if head is None or head.width < 8:
         got = "none" if head is None else f"{head.width}"
         raise FormatError(path, f"expected 8 columns ({_ARCORE_COLUMNS}), got {got}", 1)
-    table = read_columns(path, head, text, range(8), None, _ARCORE_COLUMNS)
+    table = read_columns(path, head, text, range(8), _ARCORE_COLUMNS)
     poses = poses_of(table.rows, table.values[:, 5:8], table.values[:, 1:5])
     poses = conventions.world_from_arcam(poses)
     seconds = seconds_of(path, table.ticks, options, fixed="ns")

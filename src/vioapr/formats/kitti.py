@@ -69,7 +69,7 @@ def read_matrices(
         got = "none" if head is None else f"{head.width}"
         line = None if head is None else head.header_lines + 1
         raise FormatError(path, f"expected 12, 13, 16 or 17 columns ({_COLUMNS}), got {got}", line)
-    table = read_columns(path, head, text, range(head.width), None, _COLUMNS)
+    table = read_columns(path, head, text, range(head.width), _COLUMNS)
     found = find_matrix(table.values)
     if found is None and head.width > 13:
         line = table.rows.lines[0]

@@ -21,6 +21,11 @@ from vioapr.formats.notes import LeftOutRow
 NO_POSE = "no pose"
 """The summary of rows without numbers."""
 
+NOT_TRACKED = "not tracked"
+"""The summary of rows that say that the tracker was lost."""
+
+_NOTHING = (NO_POSE, NOT_TRACKED)
+
 _MAX_LISTED = 3
 _MAX_BACKWARD_RUN = 5
 _FAR_SPREADS, _FAR_M, _FAR_SHARE, _FAR_LEAST_ROWS = 1000.0, 10_000.0, 0.01, 10
@@ -59,7 +64,7 @@ def find_sound_rows(
         text = "expected a finite timestamp, got NaN or inf"
         problems.setdefault(row, RowProblem(text, "no time"))
     sound = [row for row in range(len(rows)) if row not in problems]
-    malformed = [row for row in sorted(problems) if problems[row].summary != NO_POSE]
+    malformed = [row for row in sorted(problems) if problems[row].summary not in _NOTHING]
     if not sound or len(malformed) >= len(sound):
         _raise(rows, problems, malformed[0] if malformed else min(problems), names)
     problems |= _far_from_all_others(position_m, sound)
@@ -209,9 +214,11 @@ def _report(
     )
     kinds = {
         "pose": [row for row in ordered if problems[row].summary == NO_POSE],
+        "state": [row for row in ordered if problems[row].summary == NOT_TRACKED],
         "time": [row for row in ordered if problems[row].summary.startswith("timestamp")],
     }
-    kinds[""] = [row for row in ordered if row not in {*kinds["pose"], *kinds["time"]}]
+    named = {row for members in kinds.values() for row in members}
+    kinds[""] = [row for row in ordered if row not in named]
     for kind, members in kinds.items():
         if members:
             lines = [rows.lines[row] for row in members]
@@ -230,6 +237,9 @@ def _sentence(
     if kind == "pose":
         where = lines_text(rows.lines[row] for row in members)
         return f"{count} {has} no pose ({where}): left out"
+    if kind == "state":
+        where = lines_text(rows.lines[row] for row in members)
+        return f"{count} {'are' if len(members) > 1 else 'is'} not tracked ({where}): left out"
     image = [f" ({names[row]})" if names is not None else "" for row in members]
     if not kind and len(members) == 1:
         row = members[0]

@@ -10,6 +10,7 @@ from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.headed import build_timed
 from vioapr.formats.poses import pose_columns, require_times
+from vioapr.formats.tracking_states import mark_lost_rows
 from vioapr.trajectory import Trajectory
 
 _COLUMNS = "timestamp_us,status,tx,ty,tz,qx,qy,qz,qw,w,h,fx,fy,cx,cy"
@@ -26,12 +27,13 @@ def sniff(path: Path, head: bytes) -> float:
 
 
 def read(path: Path, options: ReadOptions) -> Trajectory:
-    """Read vio_from_cam poses of all rows, whatever their tracking status.
+    """Read vio_from_cam poses of the rows whose status is not one of a lost tracker.
 
     Raises:
         FileError: It cannot be read or is malformed, naming file and line.
     """
     rows = parse_rows(path, read_text(path), range(15, 16), what=_COLUMNS, delimiter=",")
+    mark_lost_rows(path, rows, "status", rows.column(1), options)
     return build_timed(
         rows,
         options,

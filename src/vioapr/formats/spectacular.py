@@ -21,7 +21,7 @@ from vioapr.errors import FormatError, ParameterError
 from vioapr.files.tables import RowProblem, Rows
 from vioapr.files.text import read_text
 from vioapr.formats.base import Format, ReadOptions
-from vioapr.formats.left_out import NO_POSE
+from vioapr.formats.left_out import NOT_TRACKED
 from vioapr.formats.poses import build_trajectory, rigid_of_file
 from vioapr.formats.times import seconds_of
 from vioapr.geometry import quaternion
@@ -83,7 +83,9 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         matrices.append(_matrix_of(path, entry, kind, line))
         status = entry.get("status", _TRACKING)
         if status != _TRACKING:
-            rows.problems[line] = RowProblem(f"expected a tracked pose, got {status!r}", NO_POSE)
+            rows.problems[line] = RowProblem(
+                f"expected a tracked pose, got {status!r}", NOT_TRACKED
+            )
             matrices[-1] = np.full((4, 4), np.nan)
     if kind == _OUTPUT:
         text = "poses are taken for the primary camera's: some versions write the IMU's"

@@ -28,6 +28,7 @@ from vioapr.formats.table_guess import TRANSPOSED, find_matrix, guess_formats
 from vioapr.formats.table_head import look_at_text
 from vioapr.formats.table_rows import read_columns, say_passed_over
 from vioapr.formats.times import seconds_of
+from vioapr.formats.tracking_states import mark_lost_rows
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
 
@@ -60,12 +61,17 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     leading += [i for i in (layout.nanoseconds,) if i is not None]
     image = next((i for i in layout.images if not is_number(head.rows[0][i])), None)
     what = ",".join(head.names)
-    columns = read_columns(path, head, text, [*leading, *layout.pose], image, what)
+    texts = [i for i in (image, layout.tracking) if i is not None]
+    columns = read_columns(path, head, text, [*leading, *layout.pose], what, texts)
+    names = columns.texts[0] if image is not None else None
     values = columns.values[:, len(leading) :]
     poses = _poses_of(path, columns.rows, values, layout, options)
     _say_columns(path, options, layout)
-    if not is_timed and columns.texts is not None:
-        return build_named(columns.rows, columns.texts, poses, options)
+    if layout.tracking is not None:
+        name = head.names[layout.tracking]
+        mark_lost_rows(path, columns.rows, name, columns.texts[-1], options)
+    if not is_timed and names is not None:
+        return build_named(columns.rows, names, poses, options)
     if layout.time is not None:
         ticks: list[int | float] = columns.ticks
         fixed = layout.time_unit
@@ -76,9 +82,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     else:
         times = index_times(len(columns.rows), options)
     is_timed = is_timed or options.rate_hz is not None
-    return build_trajectory(
-        columns.rows, times, poses, options, names=columns.texts, is_timed=is_timed
-    )
+    return build_trajectory(columns.rows, times, poses, options, names=names, is_timed=is_timed)
 
 
 def _poses_of(
@@ -113,7 +117,7 @@ def _say_columns(path: Path, options: ReadOptions, layout: Layout) -> None:
         options.note(path, layout.time_rival, is_warning=False)
     if layout.metres != 1:
         options.note(path, f"positions are in units of {layout.metres:g} m", is_warning=False)
-    say_passed_over(path, options, len(layout.passed_over))
+    say_passed_over(path, options, len(layout.passed_over), layout.passed_over)
 
 
 def write(path: Path, trajectory: Trajectory) -> None:

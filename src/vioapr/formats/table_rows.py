@@ -19,9 +19,11 @@ from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.columns import names_degrees
 from vioapr.formats.poses import poses_of
 from vioapr.formats.table_head import COMMENTS, TableHead, look_at_text
+from vioapr.formats.tracking_states import mark_lost_rows
 from vioapr.geometry.rigid import Rigid3
 
 _PART_ROWS = 4096
+_MAX_NAMED = 12
 
 
 @dataclass(frozen=True)
@@ -32,21 +34,26 @@ class Columns:
         rows: Where each row came from; without fields.
         values: The columns asked for as numbers, shape (n, columns).
         ticks: The first of them, whole numbers exact.
-        texts: The column asked for as text, or None.
+        texts: The columns asked for as text, one list each.
         time_unit: Unit of the times, where the header names it.
     """
 
     rows: Rows
     values: NDArray[np.float64]
     ticks: list[int | float]
-    texts: list[str] | None
+    texts: tuple[list[str], ...] = ()
     time_unit: TimeUnit | None = None
 
 
 def read_columns(
-    path: Path, head: TableHead, text: str, numbers: Sequence[int], texts: int | None, what: str
+    path: Path,
+    head: TableHead,
+    text: str,
+    numbers: Sequence[int],
+    what: str,
+    texts: Sequence[int] = (),
 ) -> Columns:
-    """Read some columns of a table as numbers, and one as text.
+    """Read some columns of a table as numbers, and some as text.
 
     Text takes ten times the room of numbers, so it is read a part at a time.
 
@@ -55,20 +62,20 @@ def read_columns(
         head: Of the file.
         text: The content.
         numbers: Columns to read as numbers.
-        texts: Column to read as text.
         what: The columns, for messages.
+        texts: Columns to read as text.
 
     Raises:
         FormatError: No rows, one with another number of columns, or a field that is no number.
     """
-    last = max(numbers if texts is None else (*numbers, texts))
+    last = max(*numbers, *texts)
     if last >= head.width:
         problem = f"expected at least {last + 1} columns, as the header names, got {head.width}"
         raise FormatError(path, f"{problem}: expected {what}")
     out = Rows(path, [], [])
     parts: list[NDArray[np.float64]] = []
     ticks: list[int | float] = []
-    kept: list[str] = []
+    kept: tuple[list[str], ...] = tuple([] for _ in texts)
     rows = split_rows(
         path,
         text,
@@ -88,13 +95,13 @@ def read_columns(
         _replace_dates(selected)
         parts.append(selected.numbers(slice(None)))
         ticks += selected.ticks(0)
-        if texts is not None:
-            kept += [row[texts].strip("\"'") for _, row in part]
+        for column, fields in zip(texts, kept, strict=True):
+            fields += [row[column].strip("\"'") for _, row in part]
         out.lines.extend(lines)
     if not out.lines:
         raise FormatError(path, f"expected rows of {what}, got none: the file is empty")
     out.fields.extend([] for _ in out.lines)
-    return Columns(out, np.concatenate(parts), ticks, kept if texts is not None else None)
+    return Columns(out, np.concatenate(parts), ticks, kept)
 
 
 def _replace_dates(rows: Rows) -> None:
@@ -140,17 +147,28 @@ def read_ordered(
     if head.width < 8:
         line = head.header_lines + 1
         raise FormatError(path, f"expected 8 columns ({what}), got {head.width}", line)
-    columns = read_columns(path, head, text, range(8), None, what)
+    tracking = None if layout is None else layout.tracking
+    states = () if tracking is None or tracking >= head.width else (tracking,)
+    columns = read_columns(path, head, text, range(8), what, states)
     if layout is not None:
         columns = replace(columns, time_unit=layout.time_unit)
-    further = sum(not is_missing(field) for field in head.rows[0][8:])
-    say_passed_over(path, options, further)
+    names = layout.passed_over if layout is not None else ()
+    further = [i for i, field in enumerate(head.rows[0][8:], 8) if not is_missing(field)]
+    say_passed_over(path, options, len({*further} - {*states}), names)
     order = slice(4, 8) if quat_order == "xyzw" else [5, 6, 7, 4]
-    return columns, poses_of(columns.rows, columns.values[:, 1:4], columns.values[:, order])
+    poses = poses_of(columns.rows, columns.values[:, 1:4], columns.values[:, order])
+    for i, fields in zip(states, columns.texts, strict=True):
+        mark_lost_rows(path, columns.rows, (head.names or ())[i], fields, options)
+    return columns, poses
 
 
-def say_passed_over(path: Path, options: ReadOptions, count: int) -> None:
-    """Note how many columns were not used, if any."""
+def say_passed_over(
+    path: Path, options: ReadOptions, count: int, names: Sequence[str] = ()
+) -> None:
+    """Note how many columns were not used, if any, and their names where they are all known."""
     if count:
         were = "column was" if count == 1 else "columns were"
-        options.note(path, f"{count} further {were} passed over", is_warning=False)
+        listed = ", ".join(names[:_MAX_NAMED]) if len(names) == count and all(names) else ""
+        rest = f" and {count - _MAX_NAMED} more" if listed and count > _MAX_NAMED else ""
+        text = f"{count} further {were} passed over" + (f": {listed}{rest}" if listed else "")
+        options.note(path, text, is_warning=False)
