@@ -101,6 +101,53 @@ def test_numbers_of_frames_are_no_times(tmp_path):
     assert found.timestamp_s[1] == 0.005
 
 
+@pytest.mark.parametrize(("digits", "unit"), [(3, "milliseconds"), (6, "microseconds")])
+def test_small_whole_numbers_that_are_the_poses_times(digits, unit, tmp_path):
+    """Milliseconds since the start, of which some images are missing."""
+    times = walk().timestamp_s
+    write_images(tmp_path / "images", [f"{round(t * 10**digits)}.png" for t in times[3:]])
+    tum.write(tmp_path / "vio.tum", walk())
+    (found,) = read_walks(IMPORTER, tmp_path / "images", poses=tmp_path / "vio.tum")
+    np.testing.assert_allclose(found.timestamp_s, times[3:])
+    np.testing.assert_allclose(found.vio_from_cam.translation_m, walk().position_m[3:])
+    assert f"from the images' names, in {unit}" in texts(found, warnings=False)
+
+
+def test_times_of_another_clock_are_paired_in_order_with_a_warning(tmp_path):
+    times = walk().timestamp_s
+    names = [f"{round((t + 1700000000) * 1000)}.jpg" for t in times]
+    write_images(tmp_path / "images", names)
+    tum.write(tmp_path / "vio.tum", walk())
+    (found,) = read_walks(IMPORTER, tmp_path / "images", poses=tmp_path / "vio.tum")
+    np.testing.assert_allclose(found.timestamp_s, times)
+    np.testing.assert_allclose(found.vio_from_cam.translation_m, walk().position_m)
+    said = texts(found, warnings=True)
+    assert "images are named by times of another clock (1700000000.000 to" in said
+    assert "their steps agree at 1700000000.000 s apart, so pose k is taken to be of" in said
+
+
+def test_times_of_another_clock_with_other_steps_are_refused(tmp_path):
+    """As many images as poses, but one was dropped in the middle, and one came at the end."""
+    times = walk(COUNT + 1).timestamp_s
+    dropped = np.delete(times, COUNT // 2)
+    write_images(tmp_path / "images", [f"{round((t + 1.7e9) * 1000)}.jpg" for t in dropped])
+    tum.write(tmp_path / "vio.tum", walk())
+    with pytest.raises(FormatError, match="another clock .*, and their steps differ by up to 0"):
+        read_walks(IMPORTER, tmp_path / "images", poses=tmp_path / "vio.tum")
+    tum.write(tmp_path / "vio.tum", walk(COUNT + 2))
+    with pytest.raises(FormatError, match=r"rows \(22 poses\), got 20 .* times of another clock"):
+        read_walks(IMPORTER, tmp_path / "images", poses=tmp_path / "vio.tum")
+
+
+def test_the_count_that_is_refused_is_that_of_the_rows(source):
+    lines = (source / "vio.tum").read_text().splitlines()
+    time, *_ = lines[-1].split()
+    extra = [f"{float(time) + k} nan nan nan nan nan nan nan" for k in (1, 2)]
+    (source / "vio.tum").write_text("\n".join([*lines, *extra]) + "\n")
+    with pytest.raises(FormatError, match=r"\(20 poses, of 22 rows 2 have none\), got 20 images"):
+        read_walks(IMPORTER, source / "images", poses=source / "vio.tum")
+
+
 def test_by_timestamps_after_the_videos_number(tmp_path):
     """ARKitScenes: pictures and poses have a clock in common, and nothing else."""
     times = 306.508 + walk().timestamp_s
@@ -136,7 +183,7 @@ def test_a_rate(source):
 
 def test_another_number_of_poses(source):
     tum.write(source / "vio.tum", walk(COUNT - 1))
-    with pytest.raises(FormatError, match=r"as many as poses \(19\), got 20 images"):
+    with pytest.raises(FormatError, match=r"each of its rows \(19 poses\), got 20 images"):
         read_walks(IMPORTER, source / "images", poses=source / "vio.tum")
 
 
