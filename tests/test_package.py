@@ -1,6 +1,7 @@
 """The public face: what `import vioapr` offers."""
 
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import vioapr
-from vioapr import Status, Trajectory
+from vioapr import FileError, Status, Trajectory
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 NAMES = [name for name in vioapr.__all__ if not name.startswith("__")]
@@ -104,3 +105,45 @@ def test_trajectories_are_written_in_the_format_of_their_name(tmp_path):
     vioapr.write_trajectory(tmp_path / "gt.txt", gt, "tum")
     with pytest.raises(vioapr.ParameterError, match="choose one with `format_name`"):
         vioapr.write_trajectory(tmp_path / "other.txt", gt)
+
+
+def signatures():
+    """All that is called by its public name: functions, methods, and classes that are no record."""
+    for name in NAMES:
+        thing = getattr(vioapr, name)
+        if inspect.isroutine(thing):
+            yield name, thing
+        elif inspect.isclass(thing):
+            for method, function in inspect.getmembers(thing, callable):
+                if not method.startswith("_") or (method == "__init__" and not is_record(thing)):
+                    yield f"{name}.{method}", function
+
+
+def is_record(thing: type) -> bool:
+    return hasattr(thing, "__dataclass_fields__") or hasattr(thing, "__struct_fields__")
+
+
+@pytest.mark.parametrize(("name", "function"), list(signatures()))
+def test_paths_may_be_text(name, function):
+    try:
+        parameters = inspect.signature(function).parameters
+    except ValueError:
+        pytest.skip("made by C, without a signature")
+    for parameter in parameters.values():
+        assert not re.search(r"\bPath\b", str(parameter.annotation)), f"{name}: {parameter}"
+
+
+def test_paths_as_text_are_read_and_written(tmp_path):
+    walk = simulate_walk(WalkParams(duration_s=5), seed=4)
+    path, copy = str(tmp_path / "a.tum"), str(tmp_path / "b.csv")
+    vioapr.write_trajectory(path, walk.gt)
+    assert len(vioapr.read_trajectory(path)) == len(walk.gt)
+    assert vioapr.inspect_file(path).candidates[0].name == "tum"
+    assert vioapr.convert_file(path, copy).target_format == "euroc"
+    with pytest.raises(FileError, match="nothing"):
+        vioapr.find_walks(str(tmp_path / "nothing"))
+    scene = vioapr.Scene.create(str(tmp_path / "scene"), "Court", is_outdoor=True)
+    assert vioapr.Scene.open(str(tmp_path / "scene")).folder == scene.folder
+    for function in (vioapr.OnnxLocalizer, vioapr.Recording.open, vioapr.Scene.open):
+        with pytest.raises(FileError, match="nothing"):
+            function(str(tmp_path / "nothing"))

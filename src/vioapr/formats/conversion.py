@@ -13,6 +13,7 @@ from vioapr.errors import (
     UnreadableError,
 )
 from vioapr.files.outputs import check_outputs, is_same_file
+from vioapr.files.paths import AnyPath
 from vioapr.formats.anomalies import check_track
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.corrections import Corrections
@@ -52,8 +53,8 @@ class Conversion:
 
 
 def convert_file(
-    source: Path,
-    target: Path,
+    source: AnyPath,
+    target: AnyPath,
     source_format: str | None = None,
     target_format: str | None = None,
     options: ReadOptions | None = None,
@@ -86,6 +87,7 @@ def convert_file(
             the target is the source, or its format needs what the trajectory does not have.
         SuspectTrackError: The poses look wrong, and the options are strict.
     """
+    source, target = Path(source), Path(target)
     by_name = "target_format"  # the parameter to mention where the name means no format
     writer = get_format(target_format) if target_format else format_of_name(target, by_name)
     write = require_writer(writer, by_name)

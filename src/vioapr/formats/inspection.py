@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vioapr.files.paths import AnyPath
 from vioapr.formats.anomalies import find_anomalies, step_speeds
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.common_motion import find_common_frames
@@ -28,7 +29,7 @@ _LEAST_DEVICE_DEG, _DEVICE_SIGMAS = 2.0, 4.0
 
 
 def inspect_file(
-    path: Path,
+    path: AnyPath,
     format_name: str | None = None,
     options: ReadOptions | None = None,
     against: Trajectory | None = None,
@@ -48,6 +49,7 @@ def inspect_file(
         ParameterError: There is no format of that name, or the options do not fit.
         AssociationError: It has too few frames in common with the other track.
     """
+    path = Path(path)
     notes = ReadingNotes()
     options = replace(options or ReadOptions(), notes=notes)
     ranked = rank_formats(path) if format_name is None else [(get_format(format_name), 1.0)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vioapr.errors import FormatError, ParameterError
+from vioapr.files.paths import AnyPath
 from vioapr.files.text import has_suffix, is_folder, plain_name, read_bytes
 from vioapr.formats import (
     ace,
@@ -202,7 +203,7 @@ class FileReading:
 
 
 def read_trajectory(
-    path: Path, format_name: str | None = None, options: ReadOptions | None = None
+    path: AnyPath, format_name: str | None = None, options: ReadOptions | None = None
 ) -> Trajectory:
     """Read a trajectory of a given format, or of the likeliest one.
 
@@ -214,12 +215,13 @@ def read_trajectory(
         FormatError: It is malformed, or its format is not recognized or uncertain.
         ParameterError: There is no format of that name.
     """
+    path = Path(path)
     format_ = recognize(path) if format_name is None else get_format(format_name)
     return format_.read(path, options or ReadOptions())
 
 
 def read_with_notes(
-    path: Path,
+    path: AnyPath,
     format_name: str | None = None,
     options: ReadOptions | None = None,
     *,
@@ -239,6 +241,7 @@ def read_with_notes(
         FormatError: It is malformed, or its format is not recognized or uncertain.
         ParameterError: There is no format of that name.
     """
+    path = Path(path)
     if format_name is None:
         format_, confidence = recognize_surely(path, parameter)
     else:
@@ -248,7 +251,7 @@ def read_with_notes(
     return FileReading(trajectory, format_, confidence, tuple(notes.notes), tuple(notes.left_out))
 
 
-def write_trajectory(path: Path, trajectory: Trajectory, format_name: str | None = None) -> None:
+def write_trajectory(path: AnyPath, trajectory: Trajectory, format_name: str | None = None) -> None:
     """Write a trajectory in a given format, or in the one that the file's name means.
 
     Raises:
@@ -256,6 +259,7 @@ def write_trajectory(path: Path, trajectory: Trajectory, format_name: str | None
             it needs what the trajectory does not have.
         UnwritableError: The file cannot be written.
     """
+    path = Path(path)
     format_ = format_of_name(path) if format_name is None else get_format(format_name)
     require_writer(format_)(path, trajectory)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
+from vioapr.files.paths import AnyPath
 from vioapr.files.tables import read_headed_csv
 from vioapr.files.text import read_text, write_text
 from vioapr.fusion.types import Status
@@ -56,7 +57,7 @@ class FusedWalk:
         return Trajectory(self.timestamp_s[rows], poses.translation_m, poses.quat_xyzw)
 
 
-def write_fused_csv(path: Path, fused: FusedWalk, *, overwrite: bool = True) -> None:
+def write_fused_csv(path: AnyPath, fused: FusedWalk, *, overwrite: bool = True) -> None:
     """Write a row a frame, with all digits; reading it gives the same numbers.
 
     The columns are `POSE_COLUMNS`, followed by `SIGMA_COLUMNS` where the method has them. The
@@ -66,6 +67,7 @@ def write_fused_csv(path: Path, fused: FusedWalk, *, overwrite: bool = True) -> 
         AlreadyExistsError: The file exists, without `overwrite`.
         UnwritableError: The file cannot be written.
     """
+    path = Path(path)
     header, columns = POSE_COLUMNS, [*fused.world_from_cam]
     if fused.sigma_position_m is not None and fused.sigma_orientation_deg is not None:
         header += SIGMA_COLUMNS
@@ -78,7 +80,7 @@ def write_fused_csv(path: Path, fused: FusedWalk, *, overwrite: bool = True) -> 
     write_text(path, "\n".join(lines) + "\n", overwrite=overwrite)
 
 
-def read_fused_csv(path: Path) -> FusedWalk:
+def read_fused_csv(path: AnyPath) -> FusedWalk:
     """Read what `write_fused_csv` has written.
 
     Raises:
@@ -86,6 +88,7 @@ def read_fused_csv(path: Path) -> FusedWalk:
         UnreadableError: The file cannot be read.
         FormatError: A column is missing, a field is not a number, or a status is unknown.
     """
+    path = Path(path)
     has_sigmas = set(SIGMA_COLUMNS) <= set(read_text(path).partition("\n")[0].split(","))
     columns = POSE_COLUMNS + (SIGMA_COLUMNS if has_sigmas else ())
     rows = read_headed_csv(path, columns)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vioapr.errors import ContractError
+from vioapr.files.paths import AnyPath
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.runtime.session import open_session, require_localizer
@@ -92,7 +93,7 @@ class OnnxLocalizer:
     """An exported localizer, fed frame by frame.
 
     Example:
-        >>> localizer = OnnxLocalizer(Path("localizer.onnx"))
+        >>> localizer = OnnxLocalizer("localizer.onnx")
         >>> located = localizer.update(0.0, image, vio_from_cam)
         >>> if located.status != Status.UNLOCALIZED:
         ...     place_content(located.world_from_vio)
@@ -104,7 +105,7 @@ class OnnxLocalizer:
 
     def __init__(
         self,
-        path: Path,
+        path: AnyPath,
         params: dict[str, float] | None = None,
         threads: int | None = None,
     ) -> None:
@@ -120,6 +121,7 @@ class OnnxLocalizer:
             ContractError: The file is not a whole localizer.
             ParameterError: A number that the file does not have, or cannot have.
         """
+        path = Path(path)
         self._session, self.contract = open_session(path, threads)
         require_localizer(self.contract, path)
         self.params = self.contract.fill_params(params or {})

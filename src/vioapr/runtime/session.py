@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from vioapr.errors import ContractError, FormatError, MissingExtraError, UnreadableError
+from vioapr.files.paths import AnyPath
 from vioapr.schemas.contract import METADATA_KEY, Contract, parse
 
 
-def open_session(path: Path, threads: int | None = None) -> tuple[Any, Contract]:
+def open_session(path: AnyPath, threads: int | None = None) -> tuple[Any, Contract]:
     """Load any file that `vioapr export` wrote.
 
     Args:
@@ -27,6 +28,7 @@ def open_session(path: Path, threads: int | None = None) -> tuple[Any, Contract]
         ContractError: It has other inputs or outputs than its contract says.
         MissingExtraError: onnxruntime is not installed.
     """
+    path = Path(path)
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -13,6 +13,7 @@ import numpy as np
 from vioapr.errors import FormatError
 from vioapr.files.append_table import Problem
 from vioapr.files.images import probe_image
+from vioapr.files.paths import AnyPath
 from vioapr.files.text import read_text, require_folder, write_text
 from vioapr.scene.frames import Frames, read_frames
 from vioapr.scene.sensors import Gnss, Heading, Imu, read_gnss, read_heading, read_imu
@@ -39,7 +40,7 @@ class Recording:
     info: RecordingInfo
 
     @staticmethod
-    def open(folder: Path) -> Recording:
+    def open(folder: AnyPath) -> Recording:
         """Open a recording.
 
         Raises:

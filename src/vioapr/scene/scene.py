@@ -11,6 +11,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from vioapr.errors import AlreadyExistsError, FormatError, ParameterError
+from vioapr.files.paths import AnyPath
 from vioapr.files.text import read_text, require_folder, write_text
 from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions
@@ -49,7 +50,9 @@ class Scene:
     gt_folder: str = GT_FOLDER
 
     @staticmethod
-    def create(folder: Path, name: str, *, is_outdoor: bool, world: World | None = None) -> Scene:
+    def create(
+        folder: AnyPath, name: str, *, is_outdoor: bool, world: World | None = None
+    ) -> Scene:
         """Make an empty scene.
 
         Raises:
@@ -66,7 +69,7 @@ class Scene:
         return scene
 
     @staticmethod
-    def open(folder: Path) -> Scene:
+    def open(folder: AnyPath) -> Scene:
         """Open a scene.
 
         Raises:

@@ -11,6 +11,7 @@ Every trajectory is of any format that `formats.registry` knows, gzipped or not.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from vioapr.errors import (
     UnwritableError,
     VioAprError,
 )
+from vioapr.files.paths import AnyPath
 from vioapr.files.text import natural_key
 from vioapr.formats import stated_sigmas, tum
 from vioapr.scene.scene import Scene
@@ -59,11 +61,11 @@ Skip = Callable[[VioAprError], object]
 """Called with what is wrong with files that are left out."""
 
 
-def find_walks(paths: Sequence[Path], skip: Skip | None = None) -> list[WalkFiles]:
+def find_walks(paths: AnyPath | Sequence[AnyPath], skip: Skip | None = None) -> list[WalkFiles]:
     """Find the walks with ground truth, VIO and predictions at or below some folders.
 
     Args:
-        paths: The folders.
+        paths: The folders, or one.
         skip: Called for what is left out: walks of which a part is missing, and folders with two
             files of one name. None refuses these folders, and says nothing of missing parts.
 
@@ -76,11 +78,12 @@ def find_walks(paths: Sequence[Path], skip: Skip | None = None) -> list[WalkFile
         FormatError: No path holds such a walk; without `skip`, also if one of them does not, or
             a walk has two files of one name.
     """
+    paths = [paths] if isinstance(paths, str | os.PathLike) else paths
     if not paths:
         raise ParameterError("paths: expected at least one folder with walks, got none")
     walks: dict[Path, WalkFiles] = {}
     problems: list[VioAprError] = []
-    for path in paths:
+    for path in map(Path, paths):
         if not path.exists():
             raise FileMissingError(path, "expected a folder with walks, got nothing")
         if not path.is_dir():

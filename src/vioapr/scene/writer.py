@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from vioapr.errors import ParameterError, UnwritableError
 from vioapr.files.append_table import AppendTable
 from vioapr.files.images import copy_image, encode_image, write_image
+from vioapr.files.paths import AnyPath
 from vioapr.files.tables import format_field
 from vioapr.geometry.rigid import Rigid3
 from vioapr.scene import sensors
@@ -36,7 +38,7 @@ class RecordingWriter:
     at once. After a crash of the program all that was added is there, but perhaps the last.
     """
 
-    def __init__(self, folder: Path, info: RecordingInfo, *, link_images: bool = False) -> None:
+    def __init__(self, folder: AnyPath, info: RecordingInfo, *, link_images: bool = False) -> None:
         """Begin a recording.
 
         Args:
@@ -64,7 +66,7 @@ class RecordingWriter:
         self,
         timestamp_s: float,
         image_name: str,
-        image: bytes | NDArray[np.uint8] | Path | None,
+        image: bytes | NDArray[np.uint8] | AnyPath | None,
         tracking: Tracking,
         vio_from_cam: Rigid3 | None,
         intrinsics: Intrinsics | None = None,
@@ -140,15 +142,15 @@ class RecordingWriter:
         self._tables[FRAMES_FILE].append("\n".join(lines_of(frames)))
         self._latest_s[FRAMES_FILE] = float(times[-1])
 
-    def write_image(self, name: str, image: bytes | NDArray[np.uint8] | Path | str) -> None:
+    def write_image(self, name: str, image: bytes | NDArray[np.uint8] | AnyPath) -> None:
         """Write an image; see `add_frame`, which does so itself.
 
         Raises:
             FormatError: It cannot be written, or there is one of this name.
         """
         path = f"{self._images}/{name}"
-        if isinstance(image, Path | str):
-            copy_image(image, path, link=self._link)
+        if isinstance(image, str | os.PathLike):
+            copy_image(os.fspath(image), path, link=self._link)
         else:
             write_image(path, image if isinstance(image, bytes) else encode_image(name, image))
 
