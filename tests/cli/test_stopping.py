@@ -14,6 +14,7 @@ from vioapr.errors import DiskFullError
 from vioapr.work.stopping import Stopped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "code", "word"),
     [
@@ -27,7 +28,7 @@ def test_a_signal_ends_a_verb_without_traceback_or_rest(walk_dir, tmp_path, numb
     script = (
         "import sys, time; from vioapr.cli import fuse, main\n"
         "from vioapr.files.atomic import replacing\n"
-        "def write(path, fused):\n"
+        "def write(path, fused, overwrite):\n"
         "    with replacing(path):\n"
         "        print('writing', flush=True); time.sleep(60)\n"
         "fuse.write_fused_csv = write; sys.exit(main())"
@@ -72,7 +73,7 @@ def test_what_the_work_knows_is_said_instead():
 
 
 def test_a_full_disk_says_how_to_go_on(fails, walk_dir, tmp_path, monkeypatch):
-    def write(path, fused):
+    def write(path, fused, overwrite):
         raise DiskFullError.of(path, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
 
     monkeypatch.setattr(verb, "write_fused_csv", write)

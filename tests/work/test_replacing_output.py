@@ -21,14 +21,18 @@ def publish(path, *names, overwrite=False):
 
 
 def names(folder):
-    paths = (path for path in folder.rglob("*") if path.name != WRITTEN_FILE)
+    """All files in a folder, but for the note beside the one that is written."""
+    paths = (path for path in folder.rglob("*") if not path.name.endswith(WRITTEN_FILE))
     return sorted(path.relative_to(folder).as_posix() for path in paths if path.is_file())
 
 
 def test_a_new_folder_is_whole_and_nothing_else_is_left(tmp_path):
     publish(tmp_path / "out", "1.pose", "a/2.pose")
     assert names(tmp_path) == ["out/1.pose", "out/a/2.pose"]
-    assert ResultFolder(tmp_path / "out").find_others() == []
+    # Other programs read all that is in it: the note is beside it.
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["1.pose", "a"]
+    assert (tmp_path / f".out{WRITTEN_FILE}").exists()
+    assert ResultFolder(tmp_path / "out", is_noted_beside=True).find_others() == []
 
 
 def test_a_shorter_result_leaves_nothing_of_the_longer_one(tmp_path):
@@ -41,7 +45,7 @@ def test_a_shorter_result_leaves_nothing_of_the_longer_one(tmp_path):
     publish(out, "1.pose", "5.pose", overwrite=True)  # and what is written later is known again
     publish(out, "1.pose", overwrite=True)
     assert names(out) == ["1.pose", "b/photo.jpg"]
-    assert ResultFolder(out).find_others() == [out / "b" / "photo.jpg"]
+    assert ResultFolder(out, is_noted_beside=True).find_others() == [out / "b" / "photo.jpg"]
 
 
 @pytest.mark.parametrize("is_changed", [False, True])

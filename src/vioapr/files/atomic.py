@@ -75,8 +75,6 @@ def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
             yield path
         else:
             yield from _moved_to(Path(os.path.realpath(path)), overwrite)
-    except FileExistsError:
-        raise came_meanwhile(path) from None
     except OSError as error:
         raise UnwritableError.of(path, error) from None
 
@@ -132,19 +130,26 @@ def _put_new(partial: Path, target: Path) -> None:
     """Put a temporary file in its place, which no other process can take meanwhile.
 
     Raises:
-        FileExistsError: A file is there.
+        AlreadyExistsError: A file is there.
     """
     try:
-        os.link(partial, target)
-    except FileExistsError:
-        raise
-    except OSError:  # file systems without hard links: an empty file keeps the place
-        os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
         try:
-            partial.replace(target)
-        except OSError:
-            target.unlink(missing_ok=True)
+            os.link(partial, target)
+        except FileExistsError:
             raise
+        except OSError:  # file systems without hard links: an empty file keeps the place
+            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            _replace_empty(partial, target)
+    except FileExistsError:
+        raise came_meanwhile(target) from None
+
+
+def _replace_empty(partial: Path, target: Path) -> None:
+    try:
+        partial.replace(target)
+    except OSError:
+        target.unlink(missing_ok=True)
+        raise
 
 
 def _create_beside(target: Path) -> tuple[Path, int]:

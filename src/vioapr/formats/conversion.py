@@ -101,7 +101,9 @@ def convert_file(
     parts = {pattern for format_ in FORMATS.values() for pattern in format_.parts}
     with replacing_output(target, overwrite=overwrite, patterns=parts) as partial:
         write(partial, trajectory)
-    kept = ResultFolder(target).find_others() if target.is_dir() else []
+    kept = []
+    if target.is_dir():
+        kept = ResultFolder(Path(os.path.realpath(target)), is_noted_beside=True).find_others()
     lost: list[str] = []
     if trajectory.is_timed and not writer.has_times:
         lost.append("timestamps")

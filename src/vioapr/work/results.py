@@ -36,11 +36,23 @@ class ResultFolder:
     Attributes:
         folder: Where it is, or will be.
         overwrite: Whether files that vioapr did not write may be replaced too.
+        note: The file that says which files vioapr wrote.
     """
 
-    def __init__(self, folder: Path, *, overwrite: bool = False) -> None:
-        """Look at a folder; nothing is made yet."""
+    def __init__(
+        self, folder: Path, *, overwrite: bool = False, is_noted_beside: bool = False
+    ) -> None:
+        """Look at a folder; nothing is made yet.
+
+        Args:
+            folder: Where it is, or will be.
+            overwrite: Whether files that vioapr did not write may be replaced too.
+            is_noted_beside: Whether the note is beside it, as other programs read all that is in
+                it.
+        """
         self.folder, self.overwrite = folder, overwrite
+        beside = folder.with_name(f".{folder.name}{WRITTEN_FILE}")
+        self.note = beside if is_noted_beside else folder / WRITTEN_FILE
 
     def check(self, patterns: Iterable[str]) -> None:
         """See that nothing of the user's would be replaced: to be called before the work.
@@ -230,15 +242,15 @@ class ResultFolder:
 
     def _read_note(self) -> dict[str, WrittenFile]:
         """What the note says; a note that is missing or broken says nothing."""
-        path = self.folder / WRITTEN_FILE
         try:
-            return dict(decode(path, path.read_text(encoding="utf-8"), WrittenFiles).files)
+            text = self.note.read_text(encoding="utf-8")
+            return dict(decode(self.note, text, WrittenFiles).files)
         except (OSError, ValueError, FileError):
             return {}
 
     def _write_note(self, files: dict[str, WrittenFile]) -> None:
         content = encode(WrittenFiles(files=files), indent=1).encode()
-        write_atomically(self.folder / WRITTEN_FILE, content)
+        write_atomically(self.note, content)
 
 
 @contextmanager
@@ -248,8 +260,8 @@ def replacing_output(
     """Give a temporary path of the same name, for writers of a file or of a whole folder.
 
     What was written takes its place when it has reached the disk: a file as by `replacing`, a new
-    folder in one step, into a folder that exists file by file. Of a folder, a note says which
-    files vioapr wrote: those are replaced as a whole, and others stay.
+    folder in one step, into a folder that exists file by file. Of a folder, a note beside
+    it says which files vioapr wrote: those are replaced as a whole, and others stay.
 
     Args:
         path: The file or folder; folders above it are made as needed. A stream is given as it is.
@@ -288,25 +300,24 @@ def replacing_output(
 
 def _put_folder(partial: Path, target: Path, overwrite: bool, patterns: Iterable[str]) -> None:
     """Put a finished folder in its place, or its files into the folder that is there."""
+    results = ResultFolder(target, overwrite=overwrite, is_noted_beside=True)
     if not target.is_dir():
-        ResultFolder(partial).add_note(
-            path.relative_to(partial).as_posix() for path in _files_in(partial)
-        )
+        made = ResultFolder(partial, is_noted_beside=True)
+        made.add_note(path.relative_to(partial).as_posix() for path in _files_in(partial))
         sync_folder(partial)
         try:
             partial.rename(target)
+            made.note.replace(results.note)
             sync(target.parent)
             return
         except OSError as error:
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                 raise
-    ResultFolder(target, overwrite=overwrite).replace_all(partial, patterns)
+    results.replace_all(partial, patterns)
 
 
 def _files_in(folder: Path) -> list[Path]:
-    return sorted(
-        path for path in folder.rglob("*") if path.is_file() and path.name != WRITTEN_FILE
-    )
+    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def _digest(path: Path) -> str:
