@@ -1,5 +1,7 @@
 """The unit of times is found from dates, else from steps, or given."""
 
+import json
+
 import numpy as np
 import pytest
 from tests.cases_of import case_folder
@@ -98,3 +100,56 @@ def test_times_beyond_all_clocks(tmp_path, time):
     path.write_text(f"{time},cam,1,0,0,0,0,0,0\n{time},cam,1,0,0,0,1,0,0\n")
     with pytest.raises(FormatError):
         FORMATS["kapture"].read(path, ReadOptions())
+
+
+def table(tmp_path, header, times):
+    path = tmp_path / "walk.csv"
+    rows = "".join(f"{time},1,2,3,0,0,0,1\n" for time in times)
+    path.write_text(f"{header},x,y,z,qx,qy,qz,qw\n{rows}")
+    return path
+
+
+SECONDS, NANOSECONDS = np.arange(9) / 2 + 5, np.arange(9) * 500_000_000 + 7
+
+
+@pytest.mark.parametrize(
+    ("times", "said", "got", "fitting"),
+    [
+        (SECONDS, "ns", "5e-10 s from one to the next in nanoseconds", "s"),
+        (SECONDS, "us", "5e-07 s from one to the next in microseconds", "s"),
+        (NANOSECONDS, "s", "5e+08 s from one to the next in seconds", "ns"),
+        (NANOSECONDS, "ms", "5e+05 s from one to the next in milliseconds", "ns"),
+        (NANOSECONDS // 1000, "s", "5e+05 s from one to the next in seconds", "us"),
+    ],
+)
+@pytest.mark.parametrize("where", ["option", "header"])
+def test_a_unit_that_gives_no_rate_of_frames_is_refused(times, said, got, fitting, where, tmp_path):
+    is_given = where == "option"
+    header = "timestamp" if is_given else f"timestamp_{said}"
+    path = table(tmp_path, header, times.tolist())
+    with pytest.raises(FormatError) as caught:
+        read_with_notes(path, options=ReadOptions(time_unit=said if is_given else None))
+    wanted = f"expected frames 0.1 ms to an hour apart, got {got}: give `time_unit` {fitting}"
+    assert str(caught.value) == f"{path}: {wanted}"
+    mended = read_with_notes(path, options=ReadOptions(time_unit=fitting)).trajectory
+    assert np.diff(mended.timestamp_s) == pytest.approx(0.5)
+
+
+def test_transforms_json_in_a_unit_that_gives_no_rate_is_refused(tmp_path):
+    path = tmp_path / "transforms.json"
+    frames = [
+        {"file_path": f"{k}.png", "timestamp_ns": k / 2, "transform_matrix": np.eye(4).tolist()}
+        for k in range(9)
+    ]
+    path.write_text(json.dumps({"frames": frames}))
+    with pytest.raises(FormatError, match="5e-10 s from one to the next in nanoseconds"):
+        read_with_notes(path)
+    mended = read_with_notes(path, options=ReadOptions(time_unit="s")).trajectory
+    assert np.diff(mended.timestamp_s) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 60.0, 3600.0])
+def test_slow_motion_and_time_lapse_are_rates_of_frames(step, tmp_path):
+    path = table(tmp_path, "timestamp_s", (np.arange(9) * step).tolist())
+    found = read_with_notes(path).trajectory
+    np.testing.assert_allclose(np.diff(found.timestamp_s), step)

@@ -1,5 +1,6 @@
 """Clock offsets are found by turns, whatever the devices' axes, and none where there is none."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -73,3 +74,27 @@ def test_other_walks_still_and_short_ones_give_none(walk):
     assert find_clock_offset(walk.apr, still) is None
     assert find_clock_offset(walk.apr.at_rows(slice(0, 50)), walk.vio) is None
     assert find_clock_offset(replace(walk.apr, is_timed=False), walk.vio) is None
+
+
+@pytest.mark.parametrize("factor", [1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9])
+def test_times_in_a_wrong_unit_take_no_more_memory(factor, walk):
+    scaled = [
+        replace(track, timestamp_s=track.timestamp_s * factor) for track in (walk.apr, walk.vio)
+    ]
+    tracemalloc.start()
+    for tracks in (scaled, (scaled[0], walk.vio), (walk.apr, scaled[1])):
+        find_clock_offset(*tracks)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 200e6
+
+
+def test_a_track_of_kilohertz_takes_no_more_memory():
+    walk = simulate_walk(WalkParams(duration_s=60, rate_hz=2, regressor=GOOD), seed=2)
+    times = np.arange(walk.vio.timestamp_s[0], walk.vio.timestamp_s[-1], 1e-3)
+    fast = walk.vio.interpolate(times)
+    tracemalloc.start()
+    find_clock_offset(fast, shifted(fast, 0.0))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 300e6

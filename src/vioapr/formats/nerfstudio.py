@@ -20,7 +20,7 @@ from vioapr.formats import conventions
 from vioapr.formats.base import Format, ReadOptions, TimeUnit
 from vioapr.formats.named import build_named, writable_names
 from vioapr.formats.poses import build_trajectory, rigid_of_file
-from vioapr.formats.times import PER_SECOND, UNIT_NAMES, find_time_unit
+from vioapr.formats.times import PER_SECOND, UNIT_NAMES, find_time_unit, require_plausible_rate
 from vioapr.schemas.foreign_json import as_numbers, get_list, load_object
 from vioapr.trajectory import Trajectory
 
@@ -37,26 +37,34 @@ def sniff(path: Path, head: bytes) -> float:
 
 
 def read_frame_times(
-    frames: Sequence[Mapping[str, object]], unit: TimeUnit | None = None
+    path: Path, frames: Sequence[Mapping[str, object]], unit: TimeUnit | None = None
 ) -> tuple[NDArray[np.float64], TimeUnit] | None:
     """Read when each frame was taken, in whatever unit the file has.
 
     `time` from 0 to 1 is an animation's, as of dynamic scenes, and no clock.
 
     Args:
+        path: The file, for messages.
         frames: Their members.
         unit: Of `timestamp` and `time`; found from the values by default.
 
     Returns:
         Times, s, shape (n,), NaN where a frame does not say, and their unit; None if fewer than
         9 of 10 frames say.
+
+    Raises:
+        FormatError: In the unit that is said, the times are none of frames.
     """
     for key, fixed in _TIME_KEYS.items():
         values = np.array([_number(frame.get(key)) for frame in frames])
         known = np.sort(values[np.isfinite(values)])
         if len(known) < 0.9 * len(values) or (key == "time" and known[-1] <= 1):
             continue
-        found = fixed or unit or find_time_unit(known).unit
+        # What a user says counts before what a name says, as with other formats.
+        said = unit or fixed
+        if said is not None:
+            require_plausible_rate(path, known, said)
+        found = said or find_time_unit(known).unit
         return values / PER_SECOND[found], found
     return None
 
@@ -95,7 +103,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         matrices.append(as_numbers(path, matrix, (4, 4), '"transform_matrix"', entry))
     rows = Rows.numbered(path, len(names))
     poses = conventions.world_from_arcam(rigid_of_file(rows, np.array(matrices), options))
-    timed = read_frame_times(members, options.time_unit) if options.rate_hz is None else None
+    timed = read_frame_times(path, members, options.time_unit) if options.rate_hz is None else None
     if timed is None or options.sequence is not None:
         return build_named(rows, names, poses, options)
     times, unit = timed

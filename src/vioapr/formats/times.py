@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vioapr.errors import FormatError
 from vioapr.formats.base import ReadOptions, TimeUnit
 
 PER_SECOND: dict[TimeUnit, int] = {"s": 1, "ms": 1000, "us": 1_000_000, "ns": 1_000_000_000}
@@ -28,6 +29,9 @@ _LEAST_SURE = 1e11
 """Larger times are no seconds of any clock."""
 _LARGEST_STEP: tuple[tuple[TimeUnit, float], ...] = (("s", 10.0), ("ms", 2e3), ("us", 2e6))
 _LARGEST_VALUE: tuple[tuple[TimeUnit, float], ...] = (("s", 1e10), ("ms", 1e13), ("us", 1e16))
+
+_LEAST_STEP_S, _MOST_STEP_S, _LEAST_STEPS = 1e-4, 3600.0, 2
+"""No camera has frames less or more apart."""
 
 
 class FoundUnit(NamedTuple):
@@ -70,6 +74,43 @@ def find_time_unit(values: NDArray[np.float64]) -> FoundUnit:
     return FoundUnit("ns", is_date=False)
 
 
+def require_plausible_rate(path: Path, values: NDArray[np.float64], unit: TimeUnit) -> None:
+    """See that times in a unit that a user, a header or a format states are those of frames.
+
+    Args:
+        path: For the message.
+        values: Shape (n,), in that unit.
+        unit: The unit.
+
+    Raises:
+        FormatError: Frames would be less than 0.1 ms or more than an hour apart.
+    """
+    if has_plausible_rate(values, unit):
+        return
+    best = find_time_unit(values).unit
+    fits = has_plausible_rate(values, best)
+    remedy = f"give `time_unit` {best}" if fits else "are they times of frames?"
+    raise FormatError(
+        path,
+        f"expected frames 0.1 ms to an hour apart, got {_step_of(values) / PER_SECOND[unit]:.3g} s "
+        f"from one to the next in {UNIT_NAMES[unit]}: {remedy}",
+    )
+
+
+def has_plausible_rate(values: NDArray[np.float64], unit: TimeUnit) -> bool:
+    """Whether times in a unit may be those of frames; also where they are too few to tell."""
+    step_s = _step_of(values) / PER_SECOND[unit]
+    return not (step_s < _LEAST_STEP_S or step_s > _MOST_STEP_S)
+
+
+def _step_of(values: NDArray[np.float64]) -> float:
+    """The median step onward, in the values' unit; NaN where there are too few."""
+    with np.errstate(all="ignore"):
+        steps = np.diff(values)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return float(np.median(steps)) if len(steps) >= _LEAST_STEPS else float("nan")
+
+
 def seconds_of(
     path: Path,
     ticks: NDArray[np.float64] | Sequence[float | int],
@@ -84,6 +125,9 @@ def seconds_of(
             given as int, and then rounded once.
         options: Their `time_unit` counts before all else.
         fixed: The unit that the format or its header says.
+
+    Raises:
+        FormatError: In the unit that is said, the times are none of frames.
     """
     values = np.asarray(ticks, dtype=np.float64)
     unit = options.time_unit or fixed
@@ -96,6 +140,8 @@ def seconds_of(
             guess = f"times are taken for {name}, by their steps: if they are not, say `time_unit`"
             text = f"times are {name}" if is_sure else guess
             options.note(path, text, is_warning=not is_sure)
+    else:
+        require_plausible_rate(path, values, unit)
     if unit == "s":
         return values
     if isinstance(ticks, np.ndarray):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.formats.base import TimeUnit
-from vioapr.formats.times import PER_SECOND, UNIT_NAMES, find_time_unit
+from vioapr.formats.times import PER_SECOND, UNIT_NAMES, find_time_unit, has_plausible_rate
 from vioapr.importers.image_pairing import ImageFiles, Track, last_of, pairs_by_name, stem_of
 from vioapr.trajectory import nearest_rows
 
@@ -175,6 +175,8 @@ def timestamps_of_names(
     if not all(stem.isdecimal() for stem in stems):
         return values
     if unit is None and values[-1] < _LEAST_TIME:
+        return None
+    if unit is not None and not has_plausible_rate(values, unit):
         return None
     per_second = PER_SECOND[unit or find_time_unit(values).unit]
     return np.array([int(stem) / per_second for stem in stems])

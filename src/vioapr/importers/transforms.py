@@ -97,7 +97,7 @@ class Transforms:
 
     def times(self) -> tuple[NDArray[np.float64], TimeUnit] | None:
         """When each frame was taken, s, NaN where it does not say, and the unit; or None."""
-        return read_frame_times([frame.members for frame in self.frames])
+        return read_frame_times(self.path, [frame.members for frame in self.frames])
 
     def has(self, key: str) -> bool:
         """Whether the file or one of its frames says something under a name."""

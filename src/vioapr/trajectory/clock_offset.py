@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 _STEP_S, _MAX_SAMPLES = 0.1, 20_000
 _WINDOW_S = 1.0
-_SMOOTHING_S = 1.0
+_SMOOTHING_S, _MAX_HALF_WIDTH, _PART = 1.0, 200, 4096
 _LONGEST_GAP_S, _GAP_STEPS = 1.0, 3.0
 _LEAST_OVERLAP_S, _LEAST_OVERLAP_SHARE = 15.0, 0.3
 _CLIP = 3.0
@@ -117,12 +117,15 @@ def _without_outliers(track: Trajectory) -> Trajectory:
     Regressors take one place for another in single frames, and turn by tens of degrees.
     """
     step_s = float(np.median(np.diff(track.timestamp_s)))
-    width = 2 * max(round(_SMOOTHING_S / step_s / 2), 1) + 1
+    half = min(max(round(_SMOOTHING_S / step_s / 2), 1), _MAX_HALF_WIDTH)
+    width = 2 * half + 1
     dots = (track.quat_xyzw[1:] * track.quat_xyzw[:-1]).sum(axis=1)
     signs = np.cumprod(np.concatenate([[1.0], np.where(dots < 0, -1.0, 1.0)]))
-    padded = np.pad(track.quat_xyzw * signs[:, None], ((width // 2, width // 2), (0, 0)), "edge")
+    padded = np.pad(track.quat_xyzw * signs[:, None], ((half, half), (0, 0)), "edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=0)
-    middle = np.asarray(np.median(windows, axis=-1), dtype=np.float64)
+    # By parts, as every part is copied.
+    starts = range(0, len(windows), _PART)
+    middle = np.concatenate([np.median(windows[k : k + _PART], axis=-1) for k in starts])
     lengths = np.linalg.norm(middle, axis=1, keepdims=True)
     kept = np.where(lengths > 0.5, middle / np.maximum(lengths, 1e-9), track.quat_xyzw)
     return replace(track, quat_xyzw=kept)
@@ -130,7 +133,8 @@ def _without_outliers(track: Trajectory) -> Trajectory:
 
 def _grid(track: Trajectory, step_s: float, window_s: float) -> FloatArray:
     first, last = track.timestamp_s[0], track.timestamp_s[-1]
-    return first + np.arange(int((last - first - window_s) / step_s)) * step_s
+    count = min(max(int((last - first - window_s) / step_s), 0), _MAX_SAMPLES)
+    return first + np.arange(count) * step_s
 
 
 def _turns_at(track: Trajectory, times: FloatArray, window_s: float) -> _Turns:
