@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from vioapr.errors import AssociationError, FormatError
 from vioapr.evaluation.cases import load_cases
-from vioapr.formats import tum
+from vioapr.evaluation.evaluate import evaluate_cases
+from vioapr.formats import mstransformer, tum
 from vioapr.formats.base import ReadOptions
+from vioapr.fusion.apr import AprParams
 from vioapr.scene.walks import find_walks
 
 
@@ -18,8 +22,6 @@ def test_cases_are_all_combinations(walks_dir):
 
 
 def test_the_draw_is_a_number_at_the_end_only(walks_dir):
-    from dataclasses import replace
-
     case = load_cases(find_walks([walks_dir / "SetB"]))[0]
     assert replace(case, vio="arkit6").group[1] == "arkit"
     assert replace(case, vio="3").group[1] == "3"
@@ -37,6 +39,21 @@ def test_frames_without_ground_truth_are_fused_but_not_evaluated(walks_dir, tmp_
     assert len(case.frames) == len(gt)
     assert case.has_gt.tolist() == [True, False] * (len(gt) // 2)
     assert np.isnan(case.gt_world_from_cam.translation_m[1]).all()
+
+
+def test_walks_without_a_clock_have_no_rate_of_jumps(walks_dir, tmp_path):
+    source, walk = walks_dir / "SetB" / "walk1", tmp_path / "set" / "walk"
+    walk.mkdir(parents=True)
+    for role, name in (("gt", "gt"), ("vio_x", "vio_sim0"), ("apr_x", "apr_good")):
+        track = tum.read(source / f"{name}.tum", ReadOptions())
+        names = tuple(f"frame-{row:04d}.png" for row in range(len(track)))
+        mstransformer.FORMAT.write(walk / f"{role}.csv", replace(track, names=names))
+    (case,) = load_cases(find_walks([tmp_path]))
+    (timed, *_) = load_cases(find_walks([source.parent]))
+    assert (case.has_clock, timed.has_clock) == (False, True)
+    (result,) = evaluate_cases([case], {"apr": AprParams()})
+    assert np.isnan(result.reliability.jumps_per_min)
+    assert result.reliability.largest_jump_m > 0.05
 
 
 def test_walks_whose_times_do_not_meet_name_the_files(walks_dir, tmp_path):
