@@ -5,14 +5,21 @@ BIN := $(VENV)/bin
 # PyTorch is needed by tests only, pinned here and in pyproject.toml's group "torch".
 # `make test TORCH=` leaves it out; the tests that need it are then skipped.
 TORCH ?= --group torch
+# `make test FAST=1` leaves out the tests that are marked slow, and names those that ought to be.
+FAST ?=
+FAST_FLAGS := -m "not slow" --durations=10 --durations-min=0.5
 
 .PHONY: demo test lint clean
 
 demo: $(VENV)/.installed
 	$(BIN)/vioapr demo
 
+# A process a core, so one thread a process: more would wait for each other. A file of tests is
+# run by one process, which makes what its tests share once.
+test: export OMP_NUM_THREADS := 1
+test: export OPENBLAS_NUM_THREADS := 1
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadfile $(if $(FAST),$(FAST_FLAGS))
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -40,6 +40,7 @@ def test_unknown_names_are_refused():
         vioapr.fly  # noqa: B018
 
 
+@pytest.mark.slow
 def test_names_do_not_need_optional_packages():
     code = (
         "import sys\n"

@@ -33,6 +33,7 @@ def test_pairs_cover_all_formats():
     assert {target for _, target in PAIRS} == set(WRITTEN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("source", "target"), PAIRS)
 def test_any_to_any(source, target, tmp_path):
     (tmp_path / "in").mkdir()

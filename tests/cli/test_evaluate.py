@@ -7,6 +7,7 @@ import pytest
 from vioapr.fusion.methods import METHODS
 
 
+@pytest.mark.slow
 def test_tables_and_files(run, walk_dir, tmp_path):
     root = walk_dir.parent.parent
     code, out, err = run(
@@ -51,6 +52,7 @@ def test_the_report_is_written(run, walk_dir, tmp_path):
     assert str(tmp_path / "report" / "index.html") in out
 
 
+@pytest.mark.slow
 def test_parameters_reach_the_method(run, walk_dir, tmp_path):
     shares = []
     for threshold in ("0.05", "2.0"):
@@ -109,6 +111,7 @@ def walks_dir(walk_dir):
     return root
 
 
+@pytest.mark.slow
 def test_what_cannot_be_evaluated_is_named_and_the_rest_is(run, walks_dir, tmp_path):
     code, out, err = run("evaluate", walks_dir, "--methods", "apr", "--csv", tmp_path / "out.csv")
     assert code == 0
@@ -129,6 +132,7 @@ def test_what_cannot_be_evaluated_is_named_and_the_rest_is(run, walks_dir, tmp_p
         assert {row["walk"] for row in csv.DictReader(file)} == {"walk", "other-vio"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["broken", "late", "no-gt", "twice", "other-vio"])
 def test_strict_evaluates_nothing_of_what_is_not_whole(fails, walks_dir, tmp_path, name):
     folders = (walks_dir / "walk", walks_dir / name)
@@ -137,6 +141,7 @@ def test_strict_evaluates_nothing_of_what_is_not_whole(fails, walks_dir, tmp_pat
     assert not (tmp_path / "out.json").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["broken", "late", "no-gt", "twice"])
 def test_nothing_left_is_an_error(run, walks_dir, name):
     code, out, err = run("evaluate", walks_dir / name)

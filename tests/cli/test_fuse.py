@@ -24,6 +24,7 @@ def read_csv(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", BATCHED)
 def test_every_method_writes_a_row_a_frame(run, files, tmp_path, method):
     code, out, err = run("fuse", *files, "--method", method, "--out", tmp_path / "f.csv")
@@ -48,6 +49,7 @@ def test_the_csv_holds_the_librarys_poses(run, files, tmp_path, walk_dir):
     assert len(fused) == expected.is_localized.sum()
 
 
+@pytest.mark.slow
 def test_the_live_view_differs(run, files, tmp_path):
     run("fuse", *files, "--method", "vio-apr", "--out", tmp_path / "later.csv")
     run("fuse", *files, "--method", "vio-apr", "--view", "live", "--out", tmp_path / "live.csv")
@@ -90,6 +92,7 @@ BAD_VALUES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "message"), BAD_VALUES, ids=lambda v: str(v)[:20])
 def test_bad_values_get_one_line(fails, files, tmp_path, arguments, message):
     assert message in fails("fuse", *files, "--out", tmp_path / "f.csv", *arguments)
@@ -114,6 +117,7 @@ BAD_FILES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("content", "message"), BAD_FILES, ids=lambda v: str(v)[-30:])
 def test_bad_files_get_one_line_that_names_them(fails, files, tmp_path, content, message):
     bad = tmp_path / "bad.tum"
@@ -145,6 +149,7 @@ def test_walks_that_do_not_meet(fails, files, tmp_path):
     assert "cover 1000.000 to 1001.000 s" in line
 
 
+@pytest.mark.slow
 def test_predictions_without_vio_are_a_warning_with_the_flag(run, fails, files, tmp_path):
     gap, out = tmp_path / "gap.tum", ("--out", tmp_path / "f.csv")
     lines = files[3].read_text().splitlines()
@@ -169,6 +174,7 @@ def write_sigmas(path, walk_dir, rng):
     path.write_text("\n".join(["timestamp_s,sigma_position_m,sigma_orientation_deg", *rows]) + "\n")
 
 
+@pytest.mark.slow
 def test_what_the_regressor_states_is_used_found_or_named(run, files, tmp_path, walk_dir, rng):
     plain, named, found = (tmp_path / f"{name}.csv" for name in ("plain", "named", "found"))
     sigmas = tmp_path / "apr_net.sigma.csv"

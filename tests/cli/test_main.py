@@ -50,6 +50,7 @@ def test_help_of_verbs_of_two_words_shows_their_own_alone(run, family):
         assert run(*arguments) == (0, out, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_explains_itself(run, verb, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
@@ -192,6 +193,7 @@ def test_demo_refuses_a_file_as_its_folder(fails, tmp_path):
     assert "cannot be written" in fails("demo", "--out", tmp_path / "file")
 
 
+@pytest.mark.slow
 def test_simulated_walks_are_walks(run, tmp_path):
     code, _, err = run("simulate", "walks", "--out", tmp_path / "walks", "--walks", "2")
     assert code == 0, err
@@ -217,6 +219,7 @@ def test_a_closed_pipe_is_no_error():
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_the_core_does_not_import_torch():
     modules = "vioapr.cli, vioapr.fusion.methods, vioapr.evaluation.tables, vioapr.trajectory"
     code = f"import sys, {modules}; sys.exit('torch' in sys.modules)"

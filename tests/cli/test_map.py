@@ -5,6 +5,8 @@ import pytest
 from vioapr.scene.scene import Scene
 from vioapr.simulation.rooms import make_room_scene
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def room_folder(tmp_path_factory):
@@ -12,7 +14,6 @@ def room_folder(tmp_path_factory):
     return scene.folder
 
 
-@pytest.mark.slow
 def test_map_says_what_it_found(run, room_folder):
     pytest.importorskip("pycolmap", reason="pycolmap is not installed")
     options = ("--max-features", "400", "--sequential", "4", "--spatial", "2", "--loops", "4")

@@ -24,6 +24,7 @@ def content_of(folder):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["apr_net.tum", "vio_sim.tum"])
 @pytest.mark.parametrize("flag", ["--out", "--tum"])
 @pytest.mark.parametrize("link", [None, "symbolic", "hard"])
@@ -107,6 +108,7 @@ def test_a_report_is_replaced_and_other_files_in_its_folder_stay(run, walk_dir, 
     assert (folder / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_vio_quality_keeps_results_and_inputs(run, fails, walk_dir, tmp_path):
     words = ("vio-quality", walk_dir)
     assert "is the input" in fails(*words, "--json", walk_dir / "vio_sim.tum", "--overwrite")
@@ -192,6 +194,7 @@ def test_fewer_simulated_walks_leave_none_of_the_earlier_ones(run, tmp_path):
     assert [path.name for path in (out / "walk03").iterdir()] == ["notes.txt"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flags", [(), ("--overwrite",)])
 @pytest.mark.parametrize("flag", ["--out", "--tum"])
 def test_of_two_fusions_to_one_file_one_is_refused(
@@ -224,6 +227,7 @@ def poses_of(path, count, folder):
     return folder / "short.tum"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["7scenes", "scannet", "colmap", "colmap-binary"])
 @pytest.mark.parametrize("second", ["7scenes", "scannet", "colmap", "colmap-binary"])
 def test_a_folder_that_is_overwritten_holds_the_new_poses_alone(

@@ -41,6 +41,7 @@ def test_check_of_no_scene(fails, tmp_path):
     assert "expected a scene's folder, found none" in fails("scene", "check", tmp_path / "none")
 
 
+@pytest.mark.slow
 def test_info(run, scene, tmp_path):
     figure, table = tmp_path / "speeds.png", tmp_path / "info.json"
     code, out, _ = run("scene", "info", scene.folder, "--figure", figure, "--json", table)

@@ -42,6 +42,7 @@ def test_convert_is_a_filter(run, give, walk_dir, tmp_path):
     assert "standard input (tum) -> standard output (kitti)" in err
 
 
+@pytest.mark.slow
 def test_fuse_writes_to_standard_output(run, give, walk_dir, tmp_path):
     files = ("--apr", walk_dir / "apr_net.tum", "--vio", walk_dir / "vio_sim.tum")
     run("fuse", *files, "--out", tmp_path / "fused.csv")
@@ -53,6 +54,7 @@ def test_fuse_writes_to_standard_output(run, give, walk_dir, tmp_path):
     assert run("fuse", *files[:2], "--vio", "-", "--out", "-")[1] == out
 
 
+@pytest.mark.slow
 def test_figures_go_to_standard_output_alone(run, walk_dir):
     for verb in ("evaluate", "vio-quality"):
         code, out, err = run(verb, walk_dir.parent, "--json", "-")
@@ -91,6 +93,7 @@ def test_misused_streams_are_refused(fails, give, walk_dir, tmp_path):
     assert line.startswith(f"{walk_dir / 'none.tum'}: expected a file")
 
 
+@pytest.mark.slow
 def test_a_pipe_of_verbs_is_clean(walk_dir):
     verb = f"{sys.executable} -m vioapr"
     program = (
@@ -105,6 +108,7 @@ def test_a_pipe_of_verbs_is_clean(walk_dir):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("how", [(), ("--format", "csv")])
 def test_a_full_standard_output_is_said_in_a_line(walk_dir, how):
@@ -115,6 +119,7 @@ def test_a_full_standard_output_is_said_in_a_line(walk_dir, how):
     assert done.stderr == "error: standard output: cannot be written: No space left on device\n"
 
 
+@pytest.mark.slow
 def test_signs_that_a_terminal_does_not_have_are_no_failure(walk_dir):
     command = [sys.executable, "-m", "vioapr", "vio-quality", walk_dir]
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}

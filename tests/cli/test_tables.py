@@ -86,6 +86,7 @@ def test_markdown_escapes_its_own_signs():
     assert lines == ["**t**", "", "| a\\|b | c |", "| --- | ---: |", "| x \\| y | 1 |"]
 
 
+@pytest.mark.slow
 def test_tables_of_verbs_follow_the_terminal_and_formats(run, walk_dir, monkeypatch):
     folder = walk_dir.parent
     monkeypatch.setenv("COLUMNS", "60")

@@ -69,6 +69,7 @@ def position_errors_m(path, gt):
     return np.linalg.norm(positions - gt.position_m, axis=1)
 
 
+@pytest.mark.slow
 def test_right_files_give_no_warning(walk, write, run, tmp_path):
     apr, vio = write("apr.tum", walk.apr), write("vio.tum", walk.vio)
     code, _, err = run(
@@ -77,6 +78,7 @@ def test_right_files_give_no_warning(walk, write, run, tmp_path):
     assert (code, err) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_fuse_names_the_fault_and_convert_mends_it(name, walk, write, run, tmp_path):
     change, sentence, remedy = FAULTS[name]
@@ -111,6 +113,7 @@ def test_strict_refuses_and_writes_nothing(walk, write, fails, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_swapped_files(walk, write, run, tmp_path):
     apr, vio = write("apr.tum", walk.apr), write("vio.tum", walk.vio)
     code, _, err = run("fuse", "--apr", vio, "--vio", apr, "--out", tmp_path / "o.csv")
@@ -121,6 +124,7 @@ def test_swapped_files(walk, write, run, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_same_file_twice(walk, write, run, tmp_path):
     apr, copy = write("apr.tum", walk.apr), write("copy.tum", walk.apr)
     for other in (apr, copy):
@@ -131,6 +135,7 @@ def test_the_same_file_twice(walk, write, run, tmp_path):
         assert f"apr.tum and {other.name} hold the same poses" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift_s", [-7.0, 3.4])
 def test_a_clock_offset_with_partial_overlap(shift_s, write, run, tmp_path):
     walk = simulate_walk(WalkParams(duration_s=180, rate_hz=5), seed=8)
@@ -149,6 +154,7 @@ def test_a_clock_offset_with_partial_overlap(shift_s, write, run, tmp_path):
     np.testing.assert_allclose(read_trajectory(fixed).timestamp_s, walk.vio.timestamp_s, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_milliseconds_of_a_clock_that_starts_at_zero(walk, write, run, tmp_path):
     apr, path = write("apr.tum", walk.apr), tmp_path / "vio.tum"
     rows = np.column_stack([walk.vio.timestamp_s * 1000, walk.vio.position_m, walk.vio.quat_xyzw])
@@ -164,6 +170,7 @@ def test_milliseconds_of_a_clock_that_starts_at_zero(walk, write, run, tmp_path)
     np.testing.assert_allclose(fixed.timestamp_s, walk.vio.timestamp_s, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_vio_of_the_imus_body(write, run, tmp_path):
     errors = RegressorErrors(0.3, 1.0, 0.1, 0.4, 0.02)
     walk = simulate_walk(WalkParams(duration_s=120, rate_hz=5, regressor=errors), seed=4)
@@ -191,6 +198,7 @@ def test_a_vio_of_the_imus_body(write, run, tmp_path):
     assert medians[1] < 1.2 * medians[2]
 
 
+@pytest.mark.slow
 def test_vio_from_cam_leaves_a_camera_as_it_is(walk, write, run, tmp_path):
     apr, vio = write("apr.tum", walk.apr), write("vio.tum", walk.vio)
     code, out, _ = run(
@@ -209,6 +217,7 @@ def test_vio_from_cam_leaves_a_camera_as_it_is(walk, write, run, tmp_path):
     assert "vio.tum: the poses are the camera's already" in out
 
 
+@pytest.mark.slow
 def test_case_02(run, tmp_path):
     folder = case_folder("02-fuse-wrong-convention")
     for name, words in (
@@ -223,6 +232,7 @@ def test_case_02(run, tmp_path):
         assert len(err.splitlines()) == bool(words)
 
 
+@pytest.mark.slow
 def test_case_03(run, tmp_path):
     folder = case_folder("03-vio-of-the-imu-body")
     files = "--apr", folder / "apr.tum", "--vio", folder / "vio_body.csv"
@@ -259,6 +269,7 @@ def write_walk_folder(tmp_path, walk, vio):
     return folder
 
 
+@pytest.mark.slow
 def test_evaluate_names_the_walk_and_the_file(walk, run, fails, tmp_path):
     turned = conventions.world_from_arcam(walk.vio.target_from_source)
     folder = write_walk_folder(tmp_path, walk, walk.vio.with_transforms(turned))
@@ -274,12 +285,14 @@ def test_evaluate_names_the_walk_and_the_file(walk, run, fails, tmp_path):
     assert not (tmp_path / "frames.csv").exists()
 
 
+@pytest.mark.slow
 def test_evaluate_is_silent_on_right_files(walk, run, tmp_path):
     folder = write_walk_folder(tmp_path, walk, walk.vio)
     code, _, err = run("evaluate", folder, "--methods", "vio", "--strict")
     assert (code, err) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["auto", "file"])
 def test_evaluate_turns_a_body_to_the_camera(given, walk, run, tmp_path):
     body = walk.vio.target_from_source @ BODY_FROM_CAM.inverse()
@@ -295,6 +308,7 @@ def test_evaluate_turns_a_body_to_the_camera(given, walk, run, tmp_path):
     assert "vio_phone.tum: body_from_cam " in out
 
 
+@pytest.mark.slow
 def test_predictions_that_are_the_ground_truth(walk, run, tmp_path):
     folder = tmp_path / "Set" / "walk"
     write_walk(folder, gt=walk.gt, vios={"phone": walk.vio}, aprs={"net": walk.gt})

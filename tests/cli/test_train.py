@@ -64,6 +64,7 @@ def content_of(folder):
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.slow
 def test_from_training_to_evaluation(run, scene, tmp_path):
     """As in the documentation, with the default folders."""
     code, out, err = run("train", scene.folder, *SMALL, "--epochs", 2, "--validation", "train-2")
@@ -101,6 +102,7 @@ def test_from_training_to_evaluation(run, scene, tmp_path):
     assert "2 walks" in out
 
 
+@pytest.mark.slow
 def test_splits_names_and_folders_of_predictions(run, scene, regressor, tmp_path):
     arguments = ("predict", scene.folder, "--model", regressor, "--out", tmp_path / "out")
     assert run(*arguments, "--split", "all", "--name", "net")[0] == 0
@@ -114,6 +116,7 @@ def test_splits_names_and_folders_of_predictions(run, scene, regressor, tmp_path
     np.testing.assert_allclose(*poses, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_recordings_without_ground_truth_or_vio(run, scene, regressor, tmp_path):
     scene.gt_path("test-1").unlink()
     code, out, err = run("predict", scene.folder, "--model", regressor, "--out", tmp_path / "out")
@@ -131,6 +134,7 @@ def test_a_scene_that_the_regressor_does_not_know(run, regressor, tmp_path):
     assert "note: 'Garden' is none of the scenes that this regressor knows: 'Box'" in out
 
 
+@pytest.mark.slow
 def test_training_never_reads_test_recordings(run, made, scene, tmp_path):
     """Nor those held out: with their content spoilt, the same network comes out."""
     arguments = (*SMALL, "--epochs", 1, "--out")
@@ -167,6 +171,7 @@ def test_resuming_after_a_kill(run, scene, tmp_path):
     assert are_equal(tmp_path / "whole", out)
 
 
+@pytest.mark.slow
 def test_a_run_is_not_overwritten(run, fails, scene, tmp_path):
     arguments = ("train", scene.folder, *SMALL, "--epochs", 1, "--out", tmp_path / "run")
     assert run(*arguments)[0] == 0
@@ -179,6 +184,7 @@ def test_a_run_is_not_overwritten(run, fails, scene, tmp_path):
     assert content_of(tmp_path / "run") == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["missing", "broken"])
 def test_an_image_that_cannot_be_read(fails, scene, regressor, tmp_path, damage):
     for id_ in ("train-2", "test-2"):
@@ -246,6 +252,7 @@ def test_what_training_refuses(fails, scene, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_regressor_that_cannot_be_read(fails, scene, regressor, tmp_path):
     out = tmp_path / "out"
 
@@ -283,6 +290,7 @@ def test_predictions_of_before_stay_where_new_ones_fail(run, fails, scene, regre
     assert content_of(tmp_path / "out") == before
 
 
+@pytest.mark.slow
 def test_predictions_are_kept_and_another_models_are_not_replaced(
     run, fails, scene, regressor, tmp_path
 ):
@@ -314,6 +322,7 @@ def test_predictions_are_kept_and_another_models_are_not_replaced(
     assert path.read_text() == "# mine\n"
 
 
+@pytest.mark.slow
 def test_ground_truth_beside_predictions_follows_the_scene_but_not_over_the_users(
     run, fails, scene, regressor, tmp_path
 ):

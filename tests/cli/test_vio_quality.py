@@ -2,11 +2,13 @@ import json
 import shutil
 
 import numpy as np
+import pytest
 
 from vioapr.formats import tum
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 
+@pytest.mark.slow
 def test_table_json_and_figures(run, walk_dir, tmp_path):
     code, out, err = run(
         "vio-quality", walk_dir, "--json", tmp_path / "q.json", "--figures", tmp_path / "figures"

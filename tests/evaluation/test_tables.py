@@ -165,6 +165,7 @@ def test_one_call_fuses_and_groups(cases, results, groups):
     assert to_plain(to_records(found.groups)) == to_plain(to_records(groups))
 
 
+@pytest.mark.slow
 def test_a_localizers_walk_stands_among_the_methods_it_is_compared_with(cases):
     case = cases[0]
     fused = fuse_walks(get_method("apr"), AprParams(), [case.frames], view="live")[0]

@@ -165,6 +165,7 @@ def test_groups_leave_out_what_diverges():
     assert np.isnan(share_within([]))
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_also_of_few_frames_and_of_runaways():
     gt = circle(count=600, radius_m=40)
     runaway = as_vio(gt)
@@ -249,6 +250,7 @@ def test_scenes_are_read_with_their_tracking_worlds(tmp_path):
     assert track.tracking_world.tolist() == [0] * 8 + [1] * 11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("walk", "kind", "ate_m", "share"),
     [

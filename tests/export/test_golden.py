@@ -11,6 +11,8 @@ from vioapr.fusion.methods import METHODS
 from vioapr.schemas.base import decode
 from vioapr.schemas.golden import GoldenVectors
 
+pytestmark = pytest.mark.slow
+
 GOLDEN = Path(__file__).parents[2] / "schema" / "golden"
 BATCHED = [name for name, method in METHODS.items() if method.is_batched]
 
@@ -66,7 +68,6 @@ def test_eager_pytorch(name):
         check({k: v.numpy() for k, v in outputs.items()}, frame.outputs)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["apr", "pose-filter", *EXPORTED])
 def test_onnxruntime(name, exporter_of, tmp_path):
     from vioapr.runtime.session import open_session

@@ -42,6 +42,7 @@ def run(graph, apr, has_apr, vio, time_s, is_ok, is_reset, state, sigmas=(np.nan
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXPORTED)
 def test_it_equals_the_numpy_localizer(name, walk):
     graph, localizer = make(name), Localizer(name)

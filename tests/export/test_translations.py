@@ -11,6 +11,8 @@ from vioapr.errors import VioAprError  # noqa: E402
 from vioapr.export.onnx_graph import trace  # noqa: E402
 from vioapr.export.operators import find_forbidden  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 
 class Functions(torch.nn.Module):
     """Calls what is translated."""

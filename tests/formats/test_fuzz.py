@@ -15,6 +15,8 @@ from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import FORMATS, rank_formats
 from vioapr.schemas.base import to_plain
 
+pytestmark = pytest.mark.slow
+
 ALL = pytest.mark.parametrize("format_", FORMATS.values(), ids=FORMATS)
 OPTIONS = st.builds(
     ReadOptions,

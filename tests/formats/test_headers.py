@@ -85,6 +85,7 @@ def named(pattern, base=0, rows=4):
     return [pattern.format(r + base, c + base) for r, c in PAIRS if r < rows]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "pattern", ["m{}{}", "T_{}_{}", "pose[{}][{}]", "R({};{})", "c2w.{}{}", "world_from_cam_{}{}"]
 )

@@ -182,6 +182,7 @@ def test_time_going_back(walk, tmp_path):
     assert "a duplicate of" in warning
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reading", READINGS[1:], ids=lambda reading: reading.title)
 def test_every_wrong_reading_is_found_against_another_track(reading, walk, other, tmp_path):
     """Put the defect in (each reading undoes itself, or the next order does), and find it."""
@@ -258,6 +259,7 @@ def test_json_has_no_nan(walk, other, tmp_path):
     assert json.loads(text)["fits"][0]["direction_deg"] is None
 
 
+@pytest.mark.slow
 def test_real_tracks_give_no_false_alarm(data_dir):
     """Axes, order and direction of all prepared tracks are as they should be."""
     files = sorted((data_dir / "bench").glob("*/*/gt.tum"))
@@ -268,6 +270,7 @@ def test_real_tracks_give_no_false_alarm(data_dir):
         assert wrong == [], file
 
 
+@pytest.mark.slow
 def test_real_regressors_fit_the_odometry_as_they_are(data_dir):
     for walk_dir in sorted((data_dir / "bench").glob("*/*/")):
         vio = sorted(walk_dir.glob("vio_[sa]*.tum"))

@@ -38,6 +38,7 @@ def walk():
     return simulate_walk(WalkParams(duration_s=120, rate_hz=5), seed=11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [1.0, 4.0, 30.0])
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("regressor", REGRESSORS)
@@ -51,6 +52,7 @@ def test_right_walks_give_no_warning(regressor, seed, rate_hz):
     assert check_walk([apr], [vio], gt) == []
 
 
+@pytest.mark.slow
 def test_real_pairs_give_no_warning(bench_dir):
     """All predictions with all odometries, but for one that is 0.94 s off its clock.
 
@@ -69,6 +71,7 @@ def test_real_pairs_give_no_warning(bench_dir):
     assert count >= 75
 
 
+@pytest.mark.slow
 def test_real_vio_and_ground_truth_give_no_warning(data_dir):
     """Of ADVIO, but for two whose derived orientations are 20 and 49 deg off, as its table says."""
     wrong = {"advio-05": ["device"], "advio-15": ["device"]}
@@ -83,6 +86,7 @@ def test_real_vio_and_ground_truth_give_no_warning(data_dir):
     assert check_pair(Track("gt", "gt", tracks[0]), Track("vio", "vio", tracks[1])).warnings == ()
 
 
+@pytest.mark.slow
 def test_real_predictions_and_ground_truth_give_no_warning(data_dir):
     folder = data_dir / "hrapr_apr_predictions"
     for path in sorted(folder.glob("*/*_predict.txt.gz")):
@@ -111,6 +115,7 @@ def test_a_real_clock_offset_is_found(data_dir):
     assert shifts[-1] - (shifts[0] if len(shifts) > 1 else 0.0) == pytest.approx(-5.0, abs=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "remedy"),
     [(100, "0.01"), (1000, "0.001"), (0.5, "2"), (2.0, "0.5"), (1 / 0.3048, "0.3048")],

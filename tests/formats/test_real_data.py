@@ -41,6 +41,7 @@ def read_all(files, expected_format):
             assert lines == [], file
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pattern", "expected_format"),
     [
@@ -124,6 +125,7 @@ def test_published_medians_of_regressors(group, scene, model, metres, degrees, d
     assert np.median(angle) == pytest.approx(degrees, abs=0.006)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["chess", "fire", "office", "pumpkin"])
 @pytest.mark.parametrize("method", ["hloc", "as", "dsac_rgb"])
 def test_structure_based_estimates_are_within_millimetres(scene, method, data_dir):

@@ -76,6 +76,7 @@ def assert_read_as_written(format_, written, reading):
         assert list(read.names) == list(names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format_", WRITTEN, ids=lambda format_: format_.name)
 @settings(
     deadline=None,

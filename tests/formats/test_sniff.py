@@ -69,6 +69,7 @@ def test_nanoseconds_and_a_header_tell_euroc(tmp_path):
     assert rank(tmp_path, "data.csv", wrong + row)[0] == ("table", 0.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_start_of_a_long_file_is_enough(name, tmp_path):
     format_ = FORMATS[name]

@@ -46,6 +46,7 @@ def short():
     return make_walk(15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
 @pytest.mark.parametrize("scale", [1, 1000, 1e9])
 @pytest.mark.parametrize("extra", [0, 3])
@@ -122,6 +123,7 @@ def matrices_of(walk, count):
     return walk.target_from_source.to_matrix()[:, : count // 4, :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [12, 16])
 @pytest.mark.parametrize("first", ["none", "index", "seconds", "nanoseconds"])
 @pytest.mark.parametrize("is_transposed", [False, True])

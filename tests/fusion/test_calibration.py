@@ -19,6 +19,8 @@ from vioapr.simulation.regressors import RegressorErrors
 from vioapr.simulation.trackers import TrackerErrors
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
+pytestmark = pytest.mark.slow
+
 WALKS = 32
 SETTLED = 20
 """Frames after which a walk is counted: in the first ones the noise is not yet known."""

@@ -50,6 +50,7 @@ def move_tracker(frames, start, transform):
     return frames._replace(vio_from_cam=moved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", GRAVITIES)
 def test_exact_inputs_give_exact_poses_from_the_first_frame(gravity):
     walk = simulate_walk(EXACT, seed=1)
@@ -78,6 +79,7 @@ def test_sigmas_are_of_the_size_of_the_errors(walk, estimates):
     )
 
 
+@pytest.mark.slow
 def test_outliers_are_ignored_and_make_it_less_sure(walk, estimates):
     frames = frames_of(walk)
     wild = frames.apr_world_from_cam.translation_m.copy()
@@ -91,6 +93,7 @@ def test_outliers_are_ignored_and_make_it_less_sure(walk, estimates):
     assert found.sigma_position_m[180] > 5 * estimates.sigma_position_m[180]
 
 
+@pytest.mark.slow
 def test_a_lookalike_place_for_thirty_frames_is_not_believed(walk):
     frames = frames_of(walk)
     moved = frames.apr_world_from_cam.translation_m.copy()
@@ -102,6 +105,7 @@ def test_a_lookalike_place_for_thirty_frames_is_not_believed(walk):
     assert np.median(errors_m(walk, run(frames))[rows]) < 2
 
 
+@pytest.mark.slow
 def test_odometry_that_cannot_be_trusted_is_not():
     """A tracker that drifts as fast as it moves, and predictions that err as usual."""
     walk = simulate_walk(WalkParams(tracker=TrackerErrors(step_noise_m=1.0)), seed=2)
@@ -112,12 +116,14 @@ def test_odometry_that_cannot_be_trusted_is_not():
     assert np.median(errors_m(walk, run(frames))) < 0.7 * np.median(errors_m(walk, rigidly))
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_tracker_is_recovered_from_within_a_few_predictions(walk):
     jump = Rigid3(np.array([5.0, 0.0, 3.0]), np.array([0.0, 0.0, 0.0, 1.0]))
     found = run(move_tracker(frames_of(walk), 100, jump))
     assert np.median(errors_m(walk, found)[102:122]) < 2.5
 
 
+@pytest.mark.slow
 def test_a_reset_without_notice_is_recovered_from(walk):
     turn = quaternion.from_rotvec(np.array([0.0, 1.5, 0.0]))
     found = run(move_tracker(frames_of(walk), 100, Rigid3(np.array([20.0, 0.0, -7.0]), turn)))
@@ -125,6 +131,7 @@ def test_a_reset_without_notice_is_recovered_from(walk):
     assert np.median(errors_deg(walk, found)[105:125]) < 6
 
 
+@pytest.mark.slow
 def test_a_tilted_map_is_found_where_the_tracker_knows_up(walk):
     tilt = Rigid3(np.zeros(3), quaternion.from_rotvec(np.array([0.5, -0.4, 0.0])))
     frames = frames_of(walk)
@@ -138,6 +145,7 @@ def test_a_tilted_map_is_found_where_the_tracker_knows_up(walk):
     assert medians["estimate"] < medians["none"] < medians["known"]
 
 
+@pytest.mark.slow
 def test_known_gravity_keeps_the_tracker_upright(walk):
     found = run(frames_of(walk), gravity="known")
     up = quaternion.rotate(found.world_from_vio.quat_xyzw, np.array([0.0, 1.0, 0.0]))
@@ -171,6 +179,7 @@ def test_frames_without_predictions_are_tracked_and_grow_less_sure(walk):
     assert sigmas[-1] > sigmas[30]
 
 
+@pytest.mark.slow
 def test_standing_still_keeps_the_memory_and_adds_no_certainty(walk):
     frames = frames_of(walk)
     still = np.concatenate([np.arange(80), np.full(200, 80)])
@@ -179,6 +188,7 @@ def test_standing_still_keeps_the_memory_and_adds_no_certainty(walk):
     assert found.sigma_position_m[-1] > 0.7 * found.sigma_position_m[85]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("switch", ["heavy_tails", "view_weights", "estimate_drift", "look_at"])
 def test_every_part_can_be_switched_off(walk, estimates, switch):
     found = run(frames_of(walk), **{switch: False})
@@ -188,6 +198,7 @@ def test_every_part_can_be_switched_off(walk, estimates, switch):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["array_api_compat.torch", "array_api_strict"])
 @pytest.mark.parametrize("batch", [(), (1,), (3, 4)])
 def test_batches_and_backends_agree(batch, backend):

@@ -37,6 +37,7 @@ def feed(localizer, walk, row, *, with_apr=True, **kwargs):
     )
 
 
+@pytest.mark.slow
 def test_predictions_at_1_hz_with_vio_at_60_hz(walk):
     localizer = Localizer("vio-apr")
     statuses = []
@@ -116,6 +117,7 @@ def test_matrices_are_taken_too(walk):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BATCHED)
 def test_streaming_equals_a_batch(name):
     noisy = simulate_walk(WalkParams(), seed=1)

@@ -118,6 +118,7 @@ class TestLinearize:
 
 
 class TestOptimize:
+    @pytest.mark.slow
     @pytest.mark.parametrize("seed", range(3))
     @pytest.mark.parametrize(("size", "length"), [(7, 7), (7, 3), (1, 1)])
     def test_finds_the_optimum_that_scipy_finds(self, seed, size, length):
@@ -152,6 +153,7 @@ class TestOptimize:
         newest = optimize(params, window).world_from_cam.translation_m[0]
         np.testing.assert_allclose(newest, apr.translation_m.mean(axis=0), atol=1e-6)
 
+    @pytest.mark.slow
     def test_default_iterations_suffice_on_a_walk(self):
         frames, _ = walk(np.random.default_rng(2), 40, (4,), sigma_m=1.0, sigma_deg=8.0)
         few, many = (
@@ -177,6 +179,7 @@ class TestWalks:
         assert distance_m(placed, estimate.world_from_cam).max() < 1e-9
         assert angle_deg(placed, estimate.world_from_cam).max() < 1e-6
 
+    @pytest.mark.slow
     def test_smooths_noise(self):
         frames, truth = walk(np.random.default_rng(0), 200, sigma_m=0.5, sigma_deg=5.0)
         fused = run_steps(METHOD, PARAMS, frames).world_from_cam
@@ -248,6 +251,7 @@ def _half_turn():
 
 
 class TestBackends:
+    @pytest.mark.slow
     @pytest.mark.parametrize("batch", [(), (1,), (3, 4)])
     @pytest.mark.parametrize("backend", ["torch", "array_api_strict"])
     def test_backends_agree_for_every_batch_shape(self, backend, batch):

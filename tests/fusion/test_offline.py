@@ -62,6 +62,7 @@ def between_frames(walk, shift_s, rate_hz=30.0):
     return replace(apr, timestamp_s=apr.timestamp_s + shift_s), walk.vio.interpolate(times)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["vio-apr", "consensus"])
 def test_predictions_between_vio_frames_lose_nothing(name):
     apr, vio = between_frames(simulate_walk(WalkParams(duration_s=60), 1), 0.0165)
@@ -157,6 +158,7 @@ def test_retrospective_view_skips_frames_without_predictions():
     assert (keyframes % 4 == 0).all()
 
 
+@pytest.mark.slow
 def test_a_batch_of_walks_of_different_lengths_equals_each_alone():
     walks = [paired(seed, duration) for seed, duration in enumerate([20.0, 60.0, 35.0])]
     for name, method in METHODS.items():

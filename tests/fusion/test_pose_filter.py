@@ -176,6 +176,7 @@ def troubled(rng, batch=()):
 
 
 class TestBackends:
+    @pytest.mark.slow
     @pytest.mark.parametrize("batch", [(), (1,), (3, 4)])
     @pytest.mark.parametrize("backend", ["torch", "array_api_strict"])
     def test_backends_agree_for_every_batch_shape(self, backend, batch):

@@ -19,6 +19,7 @@ def errors_m(walk, fused):
     return rigid.distance_m(walk.gt.target_from_source, fused.world_from_cam)
 
 
+@pytest.mark.slow
 def test_the_future_helps():
     gains = []
     for seed in range(3):

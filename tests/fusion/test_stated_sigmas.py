@@ -55,6 +55,7 @@ def without(walks):
     return fuse(walks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 10.0])
 def test_informative_sigmas_help_whatever_their_scale(walks, without, rng, scale):
     def state(walk):
@@ -65,6 +66,7 @@ def test_informative_sigmas_help_whatever_their_scale(walks, without, rng, scale
     assert (fuse(walks, state) < 0.98 * without).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spread", [0.3, 1.0])
 def test_uninformative_sigmas_do_no_harm(walks, without, rng, spread):
     def state(walk):
@@ -74,6 +76,7 @@ def test_uninformative_sigmas_do_no_harm(walks, without, rng, spread):
     assert (fuse(walks, state) < 1.03 * without).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [np.nan, 0.0, -1.0, np.inf, 0.3])
 def test_sigmas_that_are_unknown_or_all_alike_change_nothing(walks, value):
     frames = frames_of(walks[0]).at(slice(0, 60))
@@ -84,6 +87,7 @@ def test_sigmas_that_are_unknown_or_all_alike_change_nothing(walks, value):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [n for n, m in METHODS.items() if m.is_batched and n != "consensus"]
 )

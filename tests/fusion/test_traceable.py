@@ -9,6 +9,8 @@ from vioapr.fusion.types import Status
 from vioapr.geometry.tree import tree_leaves
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
+pytestmark = pytest.mark.slow
+
 BATCHED = [name for name, method in METHODS.items() if method.is_batched]
 LENGTH = 60
 
@@ -36,7 +38,6 @@ def assert_leaves_close(traced, eager):
         np.testing.assert_allclose(to_numpy(ours), to_numpy(theirs), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "states_sigmas"), [*((name, False) for name in BATCHED), ("consensus", True)]
 )

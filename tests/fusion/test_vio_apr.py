@@ -97,6 +97,7 @@ def test_equals_the_oracle_on_a_thousand_walks(backend):
     assert_equals_oracle(estimates, frames, params, range(WALKS))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [(), (1,), (3, 4)])
 @pytest.mark.parametrize("backend", ["numpy", "torch", "array_api_strict"])
 def test_batch_shapes(backend, batch):
@@ -126,6 +127,7 @@ def test_batch_shapes(backend, batch):
     assert_equals_oracle(flat, frames, params, range(walks))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "params",
     [

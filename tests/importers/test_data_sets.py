@@ -224,6 +224,7 @@ def ate_m(found):
     return np.sqrt(np.square(aligned - found.gt.position_m).sum(axis=1).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", ["03", "18"])
 def test_raw_advio_is_as_good_as_corrected(sequence, data_dir):
     raw = data_dir / f"advio/raw_decimated/advio-{sequence}_arkit.csv.gz"

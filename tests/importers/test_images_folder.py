@@ -45,6 +45,7 @@ def test_by_order(source):
     assert found.info.clock == "device"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in NOT_OF_A_CAMERA])
 def test_every_format(name, tmp_path):
     format_ = FORMATS[name]

@@ -282,6 +282,7 @@ def test_huge_pictures_name_the_limit_and_what_raises_it(tmp_path):
     assert "raise `max_megapixels`" in warning
 
 
+@pytest.mark.slow
 def test_pictures_larger_than_pillows_own_limit_are_read(tmp_path):
     path = tmp_path / "large.png"
     Image.new("1", (10_000, 10_000)).save(path)

@@ -16,6 +16,8 @@ from vioapr.scene.gt_origin import origin_path
 from vioapr.scene.scene import Scene
 from vioapr.trajectory import Trajectory
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 
 

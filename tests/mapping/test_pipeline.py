@@ -27,6 +27,8 @@ from vioapr.simulation.rooms import ROOM_CAMERA, add_recording, textured_room, w
 from vioapr.simulation.trackers import track_without_drift, tracking_world
 from vioapr.work.locks import locked_folder
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 
 
@@ -100,7 +102,6 @@ def test_the_report_shows_it(mapped_room, copy_of):
     assert all(track["ate_m"] < 0.03 for track in vio["tracks"])
 
 
-@pytest.mark.slow
 def test_nothing_finished_is_done_again(mapped_room, copy_of):
     scene = copy_of(mapped_room[0])
     again = map_scene(scene, QUICK)
@@ -112,7 +113,6 @@ def test_nothing_finished_is_done_again(mapped_room, copy_of):
     assert other.recordings["a"].registered == 8
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("title", "count", "reused"),
     [
@@ -232,7 +232,6 @@ def test_an_empty_split_and_recordings_without_images(room, copy_of, tmp_path):
         map_scene(scene, QUICK)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("limit_kb", [40, 400])
 def test_a_full_disk_spares_what_was_there(room, copy_of, limit_kb):
     """Files that cannot grow beyond a limit stand in for a full disk."""

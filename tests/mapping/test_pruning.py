@@ -7,6 +7,8 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.pruning import prune_pairs, tilt_deg
 from vioapr.simulation.court import COUNT, crossing_rows, sequential_rows
 
+pytestmark = pytest.mark.slow
+
 pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
 
 FOCAL, WIDTH, HEIGHT = 300.0, 480, 360

@@ -44,6 +44,7 @@ def test_a_note_for_people(saved):
     assert note["spec"]["scenes"] == ["Box"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0, 4, 100, 0.5, 0.99])
 def test_half_written(saved, kept):
     path, _ = saved
@@ -96,6 +97,7 @@ def test_the_header_of_an_older_file_is_read_and_written_the_same(saved):
     assert json.loads(path.with_suffix(".json").read_text()) == OLD_HEADER
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -154,6 +156,7 @@ def imagenet_weights():
     return weights | {"classifier.0.weight": torch.zeros(1280, 960)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["pth", "nested", "safetensors", "old"])
 def test_pretrained_weights_of_a_backbone(tmp_path, form):
     weights = imagenet_weights()

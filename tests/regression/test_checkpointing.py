@@ -23,6 +23,8 @@ from vioapr.schemas.regressor import REGRESSOR_FILE, STATE_FILE, StateHeader, no
 from vioapr.work.locks import locked_folder
 from vioapr.work.stopping import PendingStop, Stopped
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory):

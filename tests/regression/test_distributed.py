@@ -18,6 +18,8 @@ from vioapr.regression.distributed import SharedBatchNorm, synchronize_norms
 from vioapr.regression.state import Journal
 from vioapr.schemas.regressor import STATE_FILE, StateHeader
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 SETTINGS = ["--model", "mobile", "--resize", "36", "--crop", "32", "--dropout", "0"]
 SETTINGS += ["--batch-size", "16", "--lr", "1e-3"]
@@ -51,7 +53,6 @@ def flattened(tensors, ending):
     return torch.cat([value.flatten() for name, value in tensors.items() if name.endswith(ending)])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("model", ["mobile", "ms-transformer"])
 def test_one_step(scene, tmp_path, model):
     """Equal gradients, which Adam's first mean is a tenth of, and statistics of the batch."""
@@ -71,7 +72,6 @@ def test_one_step(scene, tmp_path, model):
         )
 
 
-@pytest.mark.slow
 def test_several_epochs_and_what_is_kept(scene, tmp_path):
     """The last one is of positions alone."""
     (_, one), (_, two) = (
@@ -87,7 +87,6 @@ def test_several_epochs_and_what_is_kept(scene, tmp_path):
     torch.testing.assert_close(*found, rtol=0, atol=0.02)
 
 
-@pytest.mark.slow
 def test_the_command_line(scene, tmp_path, monkeypatch):
     """Also going on with two processes where one was stopped."""
     common = ["train", str(scene.folder), *SETTINGS, "--epochs", "2"]
@@ -117,7 +116,6 @@ def stop_after_one_epoch(original):
     return add
 
 
-@pytest.mark.slow
 def test_all_processes_end_where_one_fails(scene, tmp_path):
     (tmp_path / "run" / "regressor.safetensors").mkdir(parents=True)
     done = run_python(

@@ -20,6 +20,7 @@ def count(module):
     return sum(parameter.numel() for parameter in module.parameters())
 
 
+@pytest.mark.slow
 def test_parameter_counts_of_the_paper():
     posenet = build(RegressorSpec("posenet", ("a",)))
     assert round(count(posenet) / 1e6, 2) == 22.35
@@ -72,6 +73,7 @@ def test_maps_of_ms_transformer_have_the_papers_sizes():
     assert coarse.shape == (1, 112, 14, 14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["posenet", "mobile", "ms-transformer"])
 @pytest.mark.parametrize("rotation", ["log-quat", "quat", "6d"])
 def test_predictions_are_poses(model, rotation):
@@ -88,6 +90,7 @@ def test_predictions_are_poses(model, rotation):
     assert (prediction.sigma_orientation_rad > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["posenet", "mobile", "ms-transformer"])
 def test_dropout_works_in_training_only(model):
     """In geomapnet's PoseNet it worked at test time, too."""

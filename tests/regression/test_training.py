@@ -86,6 +86,7 @@ def weights_of(run):
     return load_tensors(run.folder / STATE_FILE, StateHeader)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("epochs", "stopped_at"), [(3, 1), (3, 3), (3, 5), (1, 3), (1, 5)])
 def test_a_killed_run_goes_on_as_if_it_had_not_been(make_run, epochs, stopped_at):
     """Also between its two stages, and in the second one."""
@@ -114,6 +115,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(make_run, epochs, stopped_at
     assert all(torch.equal(mine[name], theirs[name]) for name in mine)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["mobile", "ms-transformer"])
 def test_the_second_stage_teaches_positions_alone(make_run, model):
     states = []
@@ -140,6 +142,7 @@ def test_the_second_stage_teaches_positions_alone(make_run, model):
     assert [record.lr for record in epochs] == pytest.approx([1e-4, 1e-3, 1e-5])
 
 
+@pytest.mark.slow
 def test_a_state_from_before_there_were_two_stages(make_run):
     run = make_run(epochs=1)
     train(run)
@@ -153,6 +156,7 @@ def test_a_state_from_before_there_were_two_stages(make_run):
         train(make_run(epochs=1, eps=1e-10), resume=True)
 
 
+@pytest.mark.slow
 def test_the_seed_decides(make_run):
     runs = [make_run(f"run-{k}", epochs=1, seed=seed) for k, seed in enumerate((1, 1, 2))]
     for run in runs:
@@ -163,6 +167,7 @@ def test_the_seed_decides(make_run):
     assert not torch.equal(first[name], other[name])
 
 
+@pytest.mark.slow
 def test_the_best_epoch_is_kept(make_run, monkeypatch):
     scores = iter([3.0, 1.0, 2.0])
     factors = {"sigma_position": 2.0, "sigma_orientation": 3.0}
@@ -181,12 +186,14 @@ def test_the_best_epoch_is_kept(make_run, monkeypatch):
     torch.testing.assert_close(run.network.sigma_scale, torch.full((2,), 2**0.5))
 
 
+@pytest.mark.slow
 def test_without_validation_the_last_epoch_is_kept(make_run):
     run = make_run(validates=False, epochs=2)
     train(run)
     assert load(run.folder).trained.epoch == 2
 
 
+@pytest.mark.slow
 def test_patience(make_run, monkeypatch):
     scores = iter([1.0, 2.0, 3.0, 4.0, 5.0])
     factors = dict.fromkeys(
@@ -196,6 +203,7 @@ def test_patience(make_run, monkeypatch):
     assert len(train(make_run(epochs=5, patience=2)).epochs) == 3
 
 
+@pytest.mark.slow
 def test_a_loss_that_is_no_number(make_run, monkeypatch):
     run = make_run(epochs=3)
     steps = []
@@ -214,6 +222,7 @@ def test_a_loss_that_is_no_number(make_run, monkeypatch):
     assert len(train(make_run(epochs=3), resume=True).epochs) == 3
 
 
+@pytest.mark.slow
 def test_changed_images_are_not_resumed_with(make_run):
     run = make_run(epochs=1)
     train(run)
@@ -231,6 +240,7 @@ def test_out_of_memory(make_run, monkeypatch):
         train(make_run())
 
 
+@pytest.mark.slow
 def test_runs_are_not_overwritten_or_mixed(make_run):
     run = make_run(epochs=1)
     with pytest.raises(FileMissingError, match="to resume, found none"):
@@ -259,6 +269,7 @@ def test_more_devices_than_images(make_run):
         train(make_run(devices=64, batch_size=64))
 
 
+@pytest.mark.slow
 def test_images_a_second_are_those_that_there_were(make_run, monkeypatch):
     """Fewer than a batch."""
     clock = iter([10.0, 14.0])
@@ -267,6 +278,7 @@ def test_images_a_second_are_those_that_there_were(make_run, monkeypatch):
     assert record.images_per_s == 32 / 4
 
 
+@pytest.mark.slow
 def test_tensorboard_logs_are_written(make_run):
     run = make_run(epochs=1)
     train(run)

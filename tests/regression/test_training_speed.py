@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "training_speed.py"
 
 
@@ -20,7 +22,6 @@ def run(*arguments):
     )  # fmt: skip
 
 
-@pytest.mark.slow
 def test_it_runs(tmp_path):
     done = run("--quick", "--json", tmp_path / "figures.json")
     assert done.returncode == 0, done.stderr
@@ -35,7 +36,6 @@ def test_it_runs(tmp_path):
     assert "(goal: at least 5" in done.stdout
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_the_papers_setting_needs_a_gpu():
     done = run("--paper")

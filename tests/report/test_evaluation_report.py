@@ -23,6 +23,8 @@ from vioapr.report.formatting import (
 )
 from vioapr.scene.walks import find_walks
 
+pytestmark = pytest.mark.slow
+
 PARAMS = {name: get_method(name).params_type() for name in ("apr", "vio", "vio-apr")}
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 INJECTION = '<script>alert("1")</script>&amp;'

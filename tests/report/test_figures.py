@@ -19,6 +19,8 @@ from vioapr.report.style import MAX_POINTS, method_colors, render, thin
 from vioapr.scene.walks import find_walks
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
+pytestmark = pytest.mark.slow
+
 METHODS = ("apr", "vio", "vio-apr")
 
 
@@ -340,16 +342,20 @@ def test_one_color_a_method_everywhere(results):
 
 @pytest.mark.parametrize("kind", figures.FIGURES)
 class TestDegenerateInputs:
+    @pytest.mark.slow
     def test_one_frame(self, results, kind):
         render(figures.FIGURES[kind]([one_frame(result) for result in results]))
 
+    @pytest.mark.slow
     def test_raw_predictions_only(self, results, kind):
         render(figures.FIGURES[kind](results[:1]))
 
+    @pytest.mark.slow
     def test_a_method_that_never_has_a_pose(self, results, kind):
         lost = with_errors(results[2], np.full(len(results[2].status), np.nan))
         render(figures.FIGURES[kind]([results[0], lost]))
 
+    @pytest.mark.slow
     def test_no_poses_and_no_predictions_at_all(self, results, kind):
         nothing = np.full(len(results[2].status), np.nan)
         lost = dataclasses.replace(
@@ -357,10 +363,12 @@ class TestDegenerateInputs:
         )
         render(figures.FIGURES[kind]([lost]))
 
+    @pytest.mark.slow
     def test_perfect_poses(self, results, kind):
         perfect = with_errors(results[2], np.zeros(len(results[2].status)))
         render(figures.FIGURES[kind]([perfect]))
 
+    @pytest.mark.slow
     def test_a_long_walk(self, results, kind):
         result, rows = results[2], np.arange(50_000) % len(results[2].status)
         long = dataclasses.replace(

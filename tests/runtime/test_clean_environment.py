@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 REPOSITORY = Path(__file__).parents[2]
 
 
@@ -29,7 +31,6 @@ def run(python, *arguments, folder):
     )
 
 
-@pytest.mark.slow
 def test_the_demo_runs_without_pytorch(clean_python, tmp_path):
     torch = "import importlib.util as u, sys; sys.exit(u.find_spec('torch') is not None)"
     assert run(clean_python, "-c", torch, folder=tmp_path).returncode == 0

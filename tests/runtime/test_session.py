@@ -41,6 +41,7 @@ def test_files_that_are_no_model(tmp_path):
     assert caught.value.path == str(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "error", "message"),
     [

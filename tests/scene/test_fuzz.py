@@ -13,6 +13,8 @@ from vioapr.scene.recording import Recording
 from vioapr.scene.scene import Scene
 from vioapr.scene.summary import summarize_scene
 
+pytestmark = pytest.mark.slow
+
 FILES = ["scene.toml", "recordings/walk-1/recording.json", "recordings/walk-1/frames.csv",
          "recordings/walk-1/heading.csv", "recordings/walk-1/images/frame-2.jpg",
          "gt/walk-1.tum"]  # fmt: skip

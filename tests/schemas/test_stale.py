@@ -1,8 +1,10 @@
 """What stands in schema/ is what its scripts make."""
 
+import pytest
 from scripts import make_golden, make_schema
 
 
+@pytest.mark.slow
 def test_golden_vectors_are_what_numpy_answers():
     made = make_golden.make_texts()
     assert set(made) == {path.name for path in make_golden.FOLDER.iterdir()}

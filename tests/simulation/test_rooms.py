@@ -46,6 +46,7 @@ def test_a_point_on_a_wall_is_drawn_where_it_projects_to():
     assert row == pytest.approx(20 * y / z + 15, abs=0.5)
 
 
+@pytest.mark.slow
 def test_the_seed_decides_the_textures():
     camera = walk_arc(1, 0, 0, 1.0, 1.5).target_from_source.at(0)
     first, again, other = (render(textured_room(seed), ROOM_CAMERA, camera) for seed in (1, 1, 2))
@@ -62,6 +63,7 @@ def test_the_box_has_colours_and_a_brightness():
     assert bright.std(axis=(0, 1)).min() > 15
 
 
+@pytest.mark.slow
 def test_the_room_scene_is_whole_and_its_truth_is_apart(tmp_path):
     scene, truth = make_room_scene(tmp_path / "scene")
     assert not check_scene(scene.folder, decode=True).errors

@@ -25,6 +25,7 @@ def walk():
     return simulate_walk(WalkParams(duration_s=120, rate_hz=10, regressor=GOOD), seed=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [-0.4, 2.0, -13.7, 1.7e9])
 def test_an_offset_is_found(walk, seconds):
     found = find_clock_offset(walk.apr, shifted(walk.vio, seconds))
@@ -60,6 +61,7 @@ def test_the_other_way_round_the_sign_turns(walk):
     assert found.offset_s == pytest.approx(-2.0, abs=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("errors", [GOOD, RegressorErrors(), RegressorErrors(2, 6, 0.5, 3, 0.1)])
 def test_one_clock_gives_none(seed, errors):

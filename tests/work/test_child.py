@@ -63,6 +63,7 @@ def test_results_and_progress_come_back(capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "error", [ParameterError("expected this, got that"), FormatError("a.txt", "not so", 3)]
 )
@@ -76,6 +77,7 @@ def test_errors_come_back_as_they_are(error):
     assert vars(caught.value) == vars(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("function", "reason"), [(die, "the disk is full"), (fail, "a bug")])
 def test_a_death_gives_a_reason(function, reason):
     with pytest.raises(MappingError, match=f"process ended: .*{reason}.*run again to resume"):
@@ -117,6 +119,7 @@ def start_script(folder, call):
     )
 
 
+@pytest.mark.slow
 def test_a_script_needs_no_guard(tmp_path):
     output, _ = start_script(tmp_path, "count_to, 3").communicate(timeout=60)
     assert output == "once\n"

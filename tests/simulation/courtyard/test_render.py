@@ -52,6 +52,7 @@ def centroid_px(image, background):
 WALL = patch((-30, 12, -30), (60, 0, 0), (0, 0, 60), cell_m=30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "point", [(0.0, 4.0, 0.0), (-1.6, 4.0, 1.1), (1.9, 5.0, -1.5), (2.0, 9.0, 3.0)]
 )
@@ -69,6 +70,7 @@ def test_a_point_is_drawn_where_it_projects_to(point):
     np.testing.assert_allclose(centroid_px(with_square, wall_only), expected, atol=0.5)
 
 
+@pytest.mark.slow
 def test_up_is_up_and_right_is_right():
     wall_only = renderer_of({"dark": WALL}).render(LEVEL, CAMERA)
     marked = renderer_of({"dark": WALL, "bright": square_at((2.0, 6.0, 1.5))})
@@ -77,6 +79,7 @@ def test_up_is_up_and_right_is_right():
     assert row < CAMERA.cy - 20
 
 
+@pytest.mark.slow
 def test_the_nearer_thing_hides_the_farther():
     screen = patch((-5, 3, -5), (10, 0, 0), (0, 0, 10))
     hidden = renderer_of({"dark": join([WALL, screen]), "bright": square_at((0, 6, 0), 1.0)})

@@ -16,6 +16,8 @@ from vioapr.simulation.courtyard.context import RenderingError, create_context
 from vioapr.simulation.courtyard.plan import PRESETS, CourtyardParams, plan_recordings
 from vioapr.simulation.courtyard.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 TINY = CourtyardParams(
     train=2, test=1, duration_s=6.0, rate_hz=2.0, width_px=64, height_px=48, people=2,
     texture_px_per_m=8.0,
@@ -81,7 +83,6 @@ def test_recordings_differ_in_light(scene):
     assert max(balance.values()) > 1.05 * min(balance.values())
 
 
-@pytest.mark.slow
 def test_the_seed_decides_whatever_the_workers(scene, tmp_path):
     simulate(tmp_path / "again", TINY, seed=1, workers=2)
     again, first = files_of(tmp_path / "again"), files_of(scene.folder)
@@ -89,7 +90,6 @@ def test_the_seed_decides_whatever_the_workers(scene, tmp_path):
     assert [name for name in first if first[name] != again[name]] == []
 
 
-@pytest.mark.slow
 def test_another_seed_is_another_scene(scene, tmp_path):
     one = replace(TINY, train=1, test=0, duration_s=2.0)
     simulate(tmp_path / "other", one, seed=2, workers=1)
@@ -111,7 +111,6 @@ def test_a_scene_that_exists_is_kept(scene):
     assert files_of(scene.folder) == before
 
 
-@pytest.mark.slow
 def test_errors_of_workers_arrive(rendering, tmp_path, monkeypatch):
     """And nothing is left behind."""
     create = Scene.create
