@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from tests.formats.conftest import file_name, make_trajectory
 from tests.formats.samples import write_sample
@@ -9,6 +10,8 @@ from tests.formats.samples import write_sample
 from vioapr.cli.inspect import inspect
 from vioapr.errors import FormatError, ParameterError
 from vioapr.formats.registry import FORMATS
+from vioapr.geometry import quaternion
+from vioapr.trajectory import Trajectory
 
 
 def write(name, folder):
@@ -81,3 +84,51 @@ def test_of_several_files_those_that_can_be_read_are_shown(run, tmp_path):
     assert first.startswith(f"WARNING skipped: {files[1]}: ")
     assert second.startswith(f"WARNING skipped: {files[3]}: expected a file")
     assert last == "error: 2 of 4 files cannot be read"
+
+
+@pytest.mark.parametrize(
+    ("file", "held", "importer"),
+    [
+        ("odometry.csv", "stray", "stray"),
+        ("vio.tum", "tum", "images --poses FILE"),
+    ],
+)
+def test_a_folder_of_an_importer_is_told(file, held, importer, tmp_path, capsys):
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    written = write(held, tmp_path)
+    written.rename(folder / file)
+    (folder / "a.png").write_bytes(b"")
+    with pytest.raises(FormatError) as caught:
+        inspect((folder,))
+    command, _, flags = importer.partition(" ")
+    import_ = f"vioapr import {command} {folder} {flags}".rstrip() + " --out SCENE"
+    assert str(caught.value) == (
+        f"{folder}: expected a trajectory, got a folder that is of no format; it holds {file} "
+        f"({held}): give that file; see docs/guide/formats.md; to import its images as well: "
+        f"{import_}"
+    )
+
+
+def test_a_folder_of_nothing(tmp_path):
+    with pytest.raises(FormatError, match="of no format; see docs/guide/formats.md$"):
+        inspect((tmp_path,))
+
+
+def test_up_by_definition_or_unknown(tmp_path, capsys):
+    """ARKit's world is y up, however the phone is held; a file that says nothing is not x up."""
+    rng = np.random.default_rng(0)
+    turns = np.stack([0.5 * rng.normal(size=200), np.linspace(0, 12, 200), np.zeros(200)], axis=1)
+    held = quaternion.from_rotvec(np.array([0.0, 0.0, np.pi / 2 + 0.4]))  # portrait, not quite
+    quats = quaternion.multiply(quaternion.from_rotvec(turns * [0.3, 1, 1]), held)
+    tilted = quaternion.multiply(quaternion.from_rotvec(np.array([0.0, 0.0, 0.9])), quats)
+    steps = np.cumsum(rng.normal(size=(200, 3)) * 0.02, axis=0)
+    walk = Trajectory.from_arrays(np.arange(200) / 30, steps, tilted)
+    for name, file, expected in (
+        ("arkit-logger", "ARKit_camera_pose.txt", "+y, by definition; the camera's up, held"),
+        ("tum", "walk.tum", "unknown: the format does not say, and the camera was not held level"),
+    ):
+        FORMATS[name].write(tmp_path / file, walk)
+        inspect((tmp_path / file,))
+        out = " ".join(capsys.readouterr().out.split())
+        assert f"up {expected}" in out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -9,10 +10,12 @@ import tyro
 from vioapr.cli.console import say, say_notes, send_messages_aside, warn, with_flags
 from vioapr.cli.streams import InputFile
 from vioapr.cli.tables import Column, Format, Row, Table, Value, show
-from vioapr.errors import FileError, ParameterError, VioAprError
+from vioapr.errors import FileError, FormatError, ParameterError, VioAprError
+from vioapr.files.text import is_folder
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import read_with_notes
+from vioapr.importers.registry import find_importer
 from vioapr.schemas.inspection import Inspection
 
 _MAX_FITS = 4
@@ -73,8 +76,9 @@ def inspect(
         try:
             found.append(inspect_file(file, format_name, options, reference))
         except FileError as error:
+            error = _name_importer(error, file)
             if len(files) == 1:
-                raise
+                raise error from None
             warn(f"skipped: {error}")
             continue
         if form not in ("csv", "json"):
@@ -83,6 +87,18 @@ def inspect(
         show([table_of(inspection) for inspection in found], form, found)
     if len(found) < len(files):
         raise VioAprError(f"{len(files) - len(found)} of {len(files)} files cannot be read")
+
+
+def _name_importer(error: FileError, path: Path) -> FileError:
+    """Say of a folder that is no trajectory which command imports it, if one does."""
+    if not isinstance(error, FormatError) or error.path != str(path) or not is_folder(path):
+        return error
+    importer = find_importer(path)
+    if importer is None:
+        return error
+    poses = " --poses FILE" if importer.name == "images" else ""
+    command = f"vioapr import {importer.name} {path}{poses} --out SCENE"
+    return FormatError(path, f"{error.problem}; to import its images as well: {command}")
 
 
 def show_inspection(inspection: Inspection, form: str) -> None:
@@ -142,10 +158,12 @@ def table_of(inspection: Inspection) -> Table:
         speeds = f"median {speed.median_m_s:.3f}, 95 % below {speed.p95_m_s:.3f}, "
         rows.append(("speed", f"{speeds}max {speed.max_m_s:.3f} m/s"))
     if (up := inspection.up) is not None:
-        held = ", held in portrait" if up.is_portrait else ""
-        guess = f"(a guess, from the camera's up-vector{held})"
+        held = "in portrait" if up.is_portrait else "upright"
+        why = "by definition" if up.by == "definition" else "a guess"
         off = f"{up.off_axis_deg:.0f} deg off it, spread {up.spread_deg:.0f} deg"
-        rows.append(("up", f"{up.axis}, {off} {guess}"))
+        rows.append(("up", f"{up.axis}, {why}; the camera's up, held {held}, is {off}"))
+    elif inspection.frames.endswith("_cam"):
+        rows.append(("up", "unknown: the format does not say, and the camera was not held level"))
     for rank, fit in enumerate(inspection.fits[:_MAX_FITS]):
         errors = f"rotations {fit.rotation_deg:.2f} deg, directions {fit.direction_deg:.1f} deg"
         rows.append(("" if rank else "fit", f"{fit.title}: {errors}"))

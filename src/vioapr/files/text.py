@@ -34,24 +34,56 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
         raise UnreadableError.of(path, error) from None
 
 
-def read_text(path: Path) -> str:
-    """A text file's content, gzip or not.
+def read_head(path: Path, limit: int) -> bytes:
+    """The first bytes of a file, decompressed; as UTF-8 where it is text in UTF-16.
 
     Raises:
         FileMissingError: It is missing.
         UnreadableError: It cannot be read.
-        FormatError: It is a directory, a broken gzip file, or not UTF-8 text.
+        FormatError: It is a directory, or a broken gzip file.
+    """
+    head = read_bytes(path, 2 * limit)
+    if _is_utf16(head):
+        head = head.decode("utf-16", "ignore").encode()
+    return head[:limit]
+
+
+def _is_utf16(content: bytes) -> bool:
+    """Whether a mark says UTF-16, as Excel and PowerShell write text."""
+    return content[:2] in (b"\xff\xfe", b"\xfe\xff") and b"\0\0" not in content[2:4]
+
+
+def read_text(path: Path) -> str:
+    """A text file's content, gzip or not, in UTF-8, or in UTF-16 with its mark.
+
+    Raises:
+        FileMissingError: It is missing.
+        UnreadableError: It cannot be read.
+        FormatError: It is a directory, a broken gzip file, or not such text.
     """
     content = read_bytes(path)
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-16" if _is_utf16(content) else "utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise FormatError(path, "expected text, got binary content", line) from None
     if "\0" in text:
+        if looks_utf16(content):
+            raise FormatError(path, "expected UTF-8 text, got UTF-16 without a mark: save as UTF-8")
         line = text[: text.index("\0")].count("\n") + 1
         raise FormatError(path, "expected text, got binary content", line)
     return text
+
+
+def looks_utf16(content: bytes) -> bool:
+    """Whether every other byte is 0 at the start, as of plain text in UTF-16."""
+    start = content[:64]
+    return len(start) >= 8 and any(not any(s) and all(t) for s, t in _halves(start))
+
+
+def _halves(start: bytes) -> tuple[tuple[bytes, bytes], tuple[bytes, bytes]]:
+    even, odd = start[::2], start[1::2]
+    return (even, odd), (odd, even)
 
 
 def write_text(path: Path, text: str, *, overwrite: bool = True) -> None:

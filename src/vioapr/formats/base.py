@@ -87,6 +87,7 @@ class Format:
         has_names: Whether a file says of which image each pose is.
         name_pattern: Pattern of the image names that a written file holds; others are lost.
             By default it holds any.
+        up: The axis of the world that is up by definition, however the camera was held.
         default_for: File names and endings, without ".gz", that mean this format.
         parts: Patterns of the files in a folder that are its poses, for formats that write one.
     """
@@ -102,6 +103,7 @@ class Format:
     has_names: bool = False
     name_pattern: str = ""
     default_for: tuple[str, ...] = ()
+    up: Literal["+y", "+z"] | None = None
     parts: tuple[str, ...] = ()
 
     def keeps_names(self, names: Iterable[str]) -> bool:

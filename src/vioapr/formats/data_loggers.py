@@ -121,6 +121,7 @@ ARKIT_FORMAT = Format(
     write=write_arkit,
     has_times=True,
     default_for=(_ARKIT_FILE,),
+    up="+y",
 )
 
 ARCORE_FORMAT = Format(
@@ -133,4 +134,5 @@ ARCORE_FORMAT = Format(
     write=write_arcore,
     has_times=True,
     default_for=(_ARCORE_FILE,),
+    up="+y",
 )

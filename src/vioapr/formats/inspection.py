@@ -25,6 +25,7 @@ from vioapr.geometry.vectors import angle_between_deg, path_length_m
 from vioapr.schemas.inspection import Candidate, DeviceRotation, Inspection, Speed, Up
 from vioapr.trajectory import Trajectory
 
+_LEVEL_DEG, _LEVEL_SPREAD_DEG = 25.0, 30.0
 _LEAST_DEVICE_DEG, _DEVICE_SIGMAS = 2.0, 4.0
 
 
@@ -86,7 +87,7 @@ def inspect_file(
         )
         if has_steps
         else None,
-        up=find_up(trajectory) if trajectory.source == "cam" else None,
+        up=find_up(trajectory, ranked[0][0].up) if trajectory.source == "cam" else None,
         warnings=(
             *warn_of_format(ranked),
             *notes.warnings,
@@ -99,15 +100,29 @@ def inspect_file(
     )
 
 
-def find_up(trajectory: Trajectory) -> Up:
-    """Find the axis of the target frame that a hand-held camera has up; see `up_of`."""
+def find_up(trajectory: Trajectory, defined: str | None = None) -> Up | None:
+    """Find the axis of the target frame that is up.
+
+    Args:
+        trajectory: Of a camera.
+        defined: The axis that is up by the format's definition, e.g. "+y".
+
+    Returns:
+        The axis: by definition, or else the one that a camera held level has up; None where the
+        camera was not held so, as one that looks down or is turned about. No world has x up.
+    """
     up, spread_deg, is_portrait = up_of(trajectory.quat_xyzw)
     axis = int(np.argmax(np.abs(up)))
-    direction = np.sign(up[axis]) * np.eye(3)[axis]
-    name = ("+" if up[axis] > 0 else "-") + "xyz"[axis]
+    name = defined or ("+" if up[axis] > 0 else "-") + "xyz"[axis]
+    direction = (1.0 if name[0] == "+" else -1.0) * np.eye(3)["xyz".index(name[1])]
+    off_axis_deg = float(angle_between_deg(up, direction))
+    is_level = off_axis_deg <= _LEVEL_DEG and spread_deg <= _LEVEL_SPREAD_DEG
+    if defined is None and (not is_level or name[1] == "x"):
+        return None
     return Up(
         axis=name,
-        off_axis_deg=float(angle_between_deg(up, direction)),
+        by="camera" if defined is None else "definition",
+        off_axis_deg=off_axis_deg,
         spread_deg=spread_deg,
         is_portrait=is_portrait,
     )

@@ -70,4 +70,5 @@ FORMAT = Format(
     write=write,
     has_times=True,
     default_for=("arposes.txt",),
+    up="+y",
 )

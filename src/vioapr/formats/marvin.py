@@ -61,4 +61,5 @@ VIO_FORMAT = Format(
     read=_VIO.read,
     write=_VIO.write,
     has_names=True,
+    up="+y",
 )

@@ -127,4 +127,5 @@ FORMAT = Format(
     read=read,
     write=write,
     has_names=True,
+    up="+z",
 )

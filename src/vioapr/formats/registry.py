@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from vioapr.errors import FormatError, ParameterError
+from vioapr.errors import FileError, FormatError, ParameterError
 from vioapr.files.paths import AnyPath
-from vioapr.files.text import has_suffix, is_folder, plain_name, read_bytes
+from vioapr.files.text import has_suffix, is_folder, looks_utf16, plain_name, read_head
 from vioapr.formats import (
     ace,
     advio,
@@ -99,6 +99,8 @@ _ALL = (
     bundler.NVM_FORMAT,
 )
 
+_MOST_LOOKED_AT = 50
+
 LEAST_CONFIDENCE = 0.6
 """A format that is less sure is not read without being asked for."""
 
@@ -131,7 +133,7 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
 
 
 def _read_head(path: Path) -> bytes:
-    head = read_bytes(path, HEAD_BYTES)
+    head = read_head(path, HEAD_BYTES)
     if not head.strip():
         raise FormatError(path, "expected a trajectory, got an empty file")
     return head
@@ -350,11 +352,31 @@ def recognize_surely(path: Path, parameter: str = "format_name") -> tuple[Format
         )
     if promised:
         raise _why_not(path, head, promised, parameter)
+    raise FormatError(path, f"expected a trajectory, got {_what_instead(path, head)}")
+
+
+def _what_instead(path: Path, head: bytes) -> str:
+    """What a file or folder is that is of no format, and what to do."""
+    if not head:
+        held = _trajectories_in(path)
+        return f"a folder that is of no format; {held}see docs/guide/formats.md"
+    if looks_utf16(head):
+        return "text in UTF-16 without a mark: save it as UTF-8"
     what = "binary content" if b"\0" in head else "text of no known format"
-    found = what if head else "a folder that is of no format"
-    raise FormatError(
-        path, f"expected a trajectory, got {found}; vioapr knows {', '.join(FORMATS)}"
-    )
+    return f"{what}; see docs/guide/formats.md for those that are read"
+
+
+def _trajectories_in(folder: Path) -> str:
+    """The files of a folder that are surely trajectories, for people."""
+    found: list[str] = []
+    for path in sorted(folder.iterdir())[:_MOST_LOOKED_AT]:
+        try:
+            ranked = [] if path.is_dir() else _rank(path, _read_head(path))
+        except FileError:
+            continue
+        if ranked and ranked[0][1] >= LEAST_CONFIDENCE:
+            found.append(f"{path.name} ({ranked[0][0].name})")
+    return f"it holds {', '.join(found[:3])}: give that file; " if found else ""
 
 
 def _uncertain(

@@ -68,4 +68,5 @@ FORMAT = Format(
     read=read,
     write=write,
     has_times=True,
+    up="+y",
 )

@@ -57,4 +57,5 @@ FORMAT = Format(
     read=read,
     has_times=True,
     has_names=True,
+    up="+y",
 )

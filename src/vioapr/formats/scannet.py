@@ -82,4 +82,5 @@ FORMAT = Format(
     has_names=True,
     name_pattern=_NAMES,
     parts=("[0-9]*.txt", "pose/[0-9]*.txt"),
+    up="+z",
 )

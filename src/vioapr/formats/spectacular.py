@@ -167,4 +167,5 @@ FORMAT = Format(
     read=read,
     has_times=True,
     default_for=(".jsonl",),
+    up="+z",
 )

@@ -67,4 +67,5 @@ FORMAT = Format(
     write=write,
     has_times=True,
     default_for=("odometry.csv",),
+    up="+y",
 )

@@ -11,7 +11,7 @@ from vioapr.errors import FormatError
 from vioapr.files.text import natural_key, require_folder
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.body_from_cam import turn_to_camera
-from vioapr.formats.registry import read_with_notes
+from vioapr.formats.registry import FORMATS, read_with_notes
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import (
     ImportedScene,
@@ -44,18 +44,6 @@ _OTHER_ENDINGS = (
     ".exr", ".jxl",
 )  # fmt: skip
 _CONVERT = "convert them to JPEG or PNG first, e.g. magick mogrify -format jpg FILES"
-# Worlds that are y up by definition, however the phone is held, and one that is not at all.
-_UP_OF_FORMAT: dict[str, Up] = {
-    "3dscannerapp": "definition",
-    "arcore-logger": "definition",
-    "arkit-logger": "definition",
-    "ios-logger": "definition",
-    "marvin-vio": "definition",
-    "polycam": "definition",
-    "record3d": "first-pose",
-    "scancapture": "definition",
-    "stray": "definition",
-}
 # Poses that structure from motion made: their unit is nobody's, but where it was georeferenced.
 _WITHOUT_SCALE = (
     "3dgs", "bundler", "colmap", "colmap-binary", "meshroom", "metashape", "nvm", "opensfm"
@@ -188,7 +176,7 @@ def add_poses(walk: Walk, found: ImageFiles, vio: Track, options: ImportOptions)
             "out"
         )
     paired = vio.track.at_rows(of)
-    walk.up = _UP_OF_FORMAT.get(vio.format, "unknown")
+    walk.up = up_of_format(vio.format)
     if vio.track.target != "vio":
         world, turned = turn_y_up(paired)
         paired = paired.with_transforms(turned)
@@ -199,6 +187,13 @@ def add_poses(walk: Walk, found: ImageFiles, vio: Track, options: ImportOptions)
         text = "marked as not metric; if they are in metres, give `metric`"
         walk.warn(f"scale: {why}: {text}")
         walk.info = replace(walk.info, is_metric=False)
+
+
+def up_of_format(name: str) -> Up:
+    """How it is known which way is up in the y-up worlds of a format."""
+    if name == "record3d":
+        return "first-pose"
+    return "definition" if FORMATS[name].up == "+y" else "unknown"
 
 
 def find_no_scale(vio: Track) -> str | None:

@@ -79,6 +79,26 @@ _ALIASES = {
 }
 
 
+# What is in a source's folder, the clearest marks first.
+_MARKS: tuple[tuple[str, str], ...] = (
+    ("stray", "odometry.csv"),
+    ("ios-logger", "ARposes.txt"),
+    ("record3d", "metadata"),
+    ("polycam", "keyframes/cameras"),
+    ("3dscannerapp", "frame_00000.json"),
+    ("nerfstudio", "transforms.json"),
+    ("cambridge", "dataset_train.txt"),
+    ("marvin", "ARKit.txt"),
+    ("marvin", "ARCore.txt"),
+    ("advio", "iphone/arkit.csv"),
+    ("advio", "advio-*_arkit.csv*"),
+    ("advio", "advio-*/iphone/arkit.csv"),
+    ("7scenes", "seq-*/frame-000000.pose.txt"),
+    ("images", "*.jpg"),
+    ("images", "*.png"),
+    ("images", "*.JPG"),
+)
+
 _SOME_USE = (
     "tracker", "poses", "gt", "rate_hz", "metric", "poses_format", "gt_format", "time_unit",
     "vio_from_cam",
@@ -113,6 +133,14 @@ def get_importer(name: str) -> Importer:
     if name not in IMPORTERS:
         raise ParameterError(f"unknown source {name!r}: expected one of {', '.join(IMPORTERS)}")
     return IMPORTERS[name]
+
+
+def find_importer(folder: Path) -> Importer | None:
+    """The importer that a folder is for, by the files in it; None if none of them is known."""
+    for name, pattern in _MARKS:
+        if next(folder.glob(pattern), None) is not None:
+            return IMPORTERS[name]
+    return None
 
 
 def import_source(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from vioapr.schemas.base import Record
 
 
@@ -32,16 +34,19 @@ class Speed(Record, frozen=True, kw_only=True):
 
 
 class Up(Record, frozen=True, kw_only=True):
-    """The mean up-vector of a hand-held camera.
+    """Which axis of the target frame is up, and how the camera was held.
 
     Attributes:
-        axis: The axis of the target frame nearest to it, e.g. "+z".
-        off_axis_deg: Angle between the two, degrees.
+        axis: The axis, e.g. "+z".
+        by: "definition" of the format, or "camera": a guess, by how a camera is held that stays
+            level.
+        off_axis_deg: Angle between the axis and the camera's mean up-vector, degrees.
         spread_deg: Median angle of single poses to the mean, degrees.
         is_portrait: Whether the sensor lies on its side.
     """
 
     axis: str
+    by: Literal["definition", "camera"]
     off_axis_deg: float
     spread_deg: float
     is_portrait: bool
