@@ -143,7 +143,7 @@ def test_missing_files_folders_and_strangers(fails, files, tmp_path):
 
 def test_walks_that_do_not_meet(fails, files, tmp_path):
     late = tmp_path / "late.tum"
-    late.write_text("1000 0 0 0 0 0 0 1\n1001 0 0 0 0 0 0 1\n")
+    late.write_text("".join(f"{1000 + k / 5} 0 0 0 0 0 0 1\n" for k in range(6)))
     line = fails("fuse", "--apr", late, *files[2:], "--out", tmp_path / "f.csv")
     assert "no prediction has a VIO pose" in line
     assert "cover 1000.000 to 1001.000 s" in line

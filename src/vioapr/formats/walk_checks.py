@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 from vioapr.errors import AssociationError
 from vioapr.formats.anomalies import check_track
 from vioapr.formats.common_motion import find_common_frames
+from vioapr.formats.frozen_tracks import check_count, check_frozen
 from vioapr.formats.pair_checks import Track, check_pair, check_sources
 from vioapr.formats.track_warnings import TrackWarning
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
@@ -31,7 +33,11 @@ def check_walk(
     Returns:
         Possibly none.
     """
-    found: list[TrackWarning] = []
+    unusable = _find_unusable(aprs, vios, gt)
+    if gt is not None and gt.path in unusable:
+        return list(unusable.values())
+    aprs, vios = ([one for one in kind if one.path not in unusable] for kind in (aprs, vios))
+    found = list(unusable.values())
     for track in (*vios, *aprs) if gt is not None else ():
         assert gt is not None
         found += check_pair(gt, track, tolerance_s).warnings
@@ -49,6 +55,20 @@ def check_walk(
             TrackWarning(warning.kind, f"{track.name}: {warning.sentence}", warning.remedy)
             for warning in check_track(track.poses, is_smooth=track.role != "apr")
         ]
+    return found
+
+
+def _find_unusable(
+    aprs: Sequence[Track], vios: Sequence[Track], gt: Track | None
+) -> dict[str, TrackWarning]:
+    """Tracks that tell nothing of the others, by their paths: too short ones, and frozen ones."""
+    tracks = (*([gt] if gt is not None else []), *vios, *aprs)
+    found = {track.path: warning for track in tracks if (warning := check_count(track))}
+    pairs = product(aprs, vios) if gt is None else product((gt,), (*vios, *aprs))
+    for pair in pairs:
+        for track, other in (pair, pair[::-1]):
+            if track.path not in found and (warning := check_frozen(track, other)):
+                found[track.path] = warning
     return found
 
 
