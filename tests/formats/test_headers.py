@@ -62,7 +62,7 @@ def test_inspect_says_that_it_is_a_guess(tmp_path):
         "format: only 45% sure of tum; it may be advio-vio (40%), euroc (30%), advio-gt (30%): the "
         "columns alone do not tell: choose with `format_name`"
     )
-    quaternion_first = POSES[:, [0, 4, 5, 6, 7, 1, 2, 3]]
+    quaternion_first = POSES[:, [0, 4, 5, 6, 7, 1, 2, 3]] * [1e9, *[1] * 7]
     path = write(tmp_path / "first.csv", REFUSED[0], quaternion_first)
     assert (
         inspect_file(path)
@@ -191,3 +191,29 @@ def assert_is_walk(reading):
     np.testing.assert_allclose(read.timestamp_s, WALK.timestamp_s, rtol=0, atol=1e-9)
     np.testing.assert_allclose(read.position_m, WALK.position_m, rtol=0, atol=1e-9)
     assert rigid.angle_deg(read.target_from_source, WALK.target_from_source).max() < 1e-4
+
+
+NUMBERED = ("q0,q1,q2,q3", "quat_0,quat_1,quat_2,quat_3", "q[0],q[1],q[2],q[3]")
+
+
+@pytest.mark.parametrize("names", NUMBERED)
+def test_the_motion_tells_whether_the_first_of_a_numbered_quaternion_is_w(names, tmp_path):
+    walk = make_walk()
+    header = f"t,x,y,z,{names}"
+    columns = [walk.timestamp_s, walk.position_m]
+    w_first = np.column_stack([*columns, walk.quat_xyzw[:, [3, 0, 1, 2]]])
+    reading = read_with_notes(write(tmp_path / "w.csv", header, w_first))
+    assert reading.notes == ()
+    assert rigid.angle_deg(reading.trajectory.target_from_source, walk.target_from_source).max() < 1
+    x_first = write(tmp_path / "x.csv", header, np.column_stack([*columns, walk.quat_xyzw]))
+    with pytest.raises(FormatError, match="to be w, but by the motion it is x: name the columns"):
+        read_with_notes(x_first)
+
+
+def test_a_numbered_quaternion_without_motion_is_said(tmp_path):
+    rows = [[k, 0, 0, 0, 1, 0, 0, 0] for k in range(5)]
+    reading = read_with_notes(write(tmp_path / "a.csv", f"t,x,y,z,{NUMBERED[0]}", rows))
+    assert reading.trajectory.quat_xyzw[0].tolist() == [0, 0, 0, 1]
+    assert reading.warnings == [
+        "q0 is taken for w and q1 for x: if they are not, name them qx, qy, ..."
+    ]

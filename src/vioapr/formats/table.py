@@ -24,7 +24,7 @@ from vioapr.formats.poses import (
     poses_of,
     rigid_of_matrices,
 )
-from vioapr.formats.table_guess import TRANSPOSED, find_matrix, guess_formats
+from vioapr.formats.table_guess import TRANSPOSED, find_matrix, find_quaternion_order, guess_formats
 from vioapr.formats.table_head import look_at_text
 from vioapr.formats.table_rows import read_columns, say_passed_over
 from vioapr.formats.times import seconds_of
@@ -67,6 +67,7 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     values = columns.values[:, len(leading) :]
     poses = _poses_of(path, columns.rows, values, layout, options)
     _say_columns(path, options, layout)
+    _check_numbered(path, head.names, layout, values, options)
     if layout.tracking is not None:
         name = head.names[layout.tracking]
         mark_lost_rows(path, columns.rows, name, columns.texts[-1], options)
@@ -98,6 +99,30 @@ def _poses_of(
         options.note(path, TRANSPOSED, is_warning=False)
     matrices = values[:, list(found.columns)].reshape(-1, 3, 4)
     return rigid_of_matrices(rows, matrices * [1.0, 1.0, 1.0, layout.metres])
+
+
+def _check_numbered(
+    path: Path,
+    names: Sequence[str],
+    layout: Layout,
+    values: NDArray[np.float64],
+    options: ReadOptions,
+) -> None:
+    """See whether the motion agrees that q0 of q0 to q3 is w, as textbooks have it.
+
+    Libraries that store x first number their components as well.
+    """
+    if layout.matrix or not names[layout.quat_xyzw[3]].rstrip("])} ").endswith("0"):
+        return
+    first, second = names[layout.quat_xyzw[3]], names[layout.quat_xyzw[0]]
+    as_written = values[:, 3:][:, [3, 0, 1, 2]]
+    order, _ = find_quaternion_order(values[:, :3], as_written)
+    if order == "xyzw":
+        problem = f"expected {first} to be w, but by the motion it is x"
+        raise FormatError(path, f"{problem}: name the columns qx, qy, qz, qw")
+    if order is None:
+        text = f"{first} is taken for w and {second} for x: if they are not, name them qx, qy, ..."
+        options.note(path, text, is_warning=True)
 
 
 def _why_no_layout(names: Sequence[str]) -> str:
