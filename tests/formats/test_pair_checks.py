@@ -202,6 +202,36 @@ def test_predictions_between_vio_frames_are_checked_too(rate_hz, walk):
     assert kinds(check(apr, replace(vio, position_m=vio.position_m * 100))) == ["scale"]
 
 
+def test_the_file_whose_unit_is_wrong_is_the_one_named(walk):
+    def scaled(track, factor):
+        return replace(track, timestamp_s=track.timestamp_s * factor)
+
+    convert = "convert it with `vioapr convert"
+    (warning,) = check(walk.apr, scaled(walk.vio, 1000))
+    assert warning.sentence == "v.tum: the timestamps fit a.tum as milliseconds"
+    assert warning.remedy == f"{convert} v.tum fixed.tum --time-unit ms`"
+    (warning,) = check(scaled(walk.apr, 1e6), walk.vio)
+    assert warning.remedy == f"{convert} a.tum fixed.tum --time-unit us`"
+    (warning,) = check(walk.apr, scaled(walk.vio, 1e-3))
+    assert warning.sentence == (
+        "v.tum: the timestamps fit a.tum as seconds, and were taken for milliseconds"
+    )
+    assert warning.remedy == f"{convert} v.tum fixed.tum --time-unit s`"
+    (warning,) = check(scaled(walk.apr, 1e-9), walk.vio)
+    assert warning.remedy == f"{convert} a.tum fixed.tum --time-unit s`"
+
+
+def test_a_remedy_is_a_command_that_can_be_used(walk):
+    track = Track("my walks/v.tum", "vio", walk.vio)
+    assert track.conversion("--scale 2") == (
+        "convert it with `vioapr convert 'my walks/v.tum' fixed.tum --scale 2`"
+    )
+    untimed = Track("v.txt", "vio", replace(walk.vio, is_timed=False))
+    assert "`vioapr convert v.txt fixed.csv --scale 2`" in untimed.conversion("--scale 2")
+    unnamed = Track("the other track", "gt", walk.gt)
+    assert "`vioapr convert FILE fixed.tum --scale 2`" in unnamed.conversion("--scale 2")
+
+
 def test_short_still_and_disjoint_tracks_give_no_warning(walk):
     few = slice(0, 6)
     assert check(walk.apr.at_rows(few), walk.vio.at_rows(few)) == []

@@ -74,7 +74,7 @@ def inspect(
     found: list[Inspection] = []
     for file in files:
         try:
-            found.append(inspect_file(file, format_name, options, reference))
+            found.append(inspect_file(file, format_name, options, reference, against))
         except FileError as error:
             error = _name_importer(error, file)
             if len(files) == 1:

@@ -198,7 +198,7 @@ def check_motion(trajectory: Trajectory) -> TrackWarning | None:
             "axes",
             "camera axes: maybe OpenGL's (looking along -z) read as OpenCV's, as the camera moves "
             f"backwards (mean cosine of motion and view {as_read[2]:.2f})",
-            f"if so, `vioapr convert --reading {OPENGL.name}` turns them",
+            f"if so, `vioapr convert IN OUT --reading {OPENGL.name}` turns them",
         )
     now = float(np.linalg.norm(as_read))
     # Mirrored along another axis, the camera would move backwards as steadily.
@@ -213,5 +213,5 @@ def check_motion(trajectory: Trajectory) -> TrackWarning | None:
         f"rotations: maybe {', or '.join(reading.title for reading in likely)}, as the direction "
         f"of motion would be steady as seen from the camera ({best:.2f} of 1), and is not "
         f"({now:.2f})",
-        "`vioapr inspect --against` another track of the walk tells",
+        "`vioapr inspect IN --against` another track of the walk tells",
     )

@@ -12,7 +12,7 @@ from vioapr.formats.anomalies import find_anomalies, step_speeds
 from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.common_motion import find_common_frames
 from vioapr.formats.notes import ReadingNotes
-from vioapr.formats.pair_checks import PairReport, Track, check_pair
+from vioapr.formats.pair_checks import UNNAMED, PairReport, Track, check_pair
 from vioapr.formats.readings import Comparison, up_of
 from vioapr.formats.registry import (
     LEAST_CONFIDENCE,
@@ -34,6 +34,7 @@ def inspect_file(
     format_name: str | None = None,
     options: ReadOptions | None = None,
     against: Trajectory | None = None,
+    against_path: AnyPath | None = None,
 ) -> Inspection:
     """Read a file, whatever format it most likely has, and look for anomalies.
 
@@ -42,6 +43,7 @@ def inspect_file(
         format_name: Its format, if known.
         options: Rate and sequence.
         against: Another track of the same walk, whose convention is known.
+        against_path: Its file, for messages.
 
     Raises:
         FileMissingError: It is missing.
@@ -57,7 +59,9 @@ def inspect_file(
     # The ranking is not made a second time; a file that is of no format raises here.
     best = ranked[0][0].name if ranked else None
     trajectory = read_trajectory(path, best, options)
-    report = PairReport(()) if against is None else compare_with(trajectory, against, path)
+    report = PairReport(())
+    if against is not None:
+        report = compare_with(trajectory, against, path, against_path)
     times, positions = trajectory.timestamp_s, trajectory.position_m
     is_timed = trajectory.is_timed
     has_steps = is_timed and len(times) > 1
@@ -146,14 +150,17 @@ def warn_of_format(ranked: list[tuple[Format, float]]) -> list[str]:
     return [f"format: {guess}: the columns alone do not tell: choose with `format_name`"]
 
 
-def compare_with(trajectory: Trajectory, against: Trajectory, path: Path) -> PairReport:
+def compare_with(
+    trajectory: Trajectory, against: Trajectory, path: Path, against_path: AnyPath | None = None
+) -> PairReport:
     """Check a track against another of the same walk, whose convention is known.
 
     Raises:
         AssociationError: They have too few frames in common, and no offset of their clocks or
             unit of time explains it.
     """
-    known, suspect = Track("the other track", "gt", against), Track(str(path), "vio", trajectory)
+    known = Track(str(against_path or UNNAMED), "gt", against)
+    suspect = Track(str(path), "vio", trajectory)
     report = check_pair(known, suspect, is_reference_known=True)
     if report.comparison is None and not report.warnings:
         find_common_frames(trajectory, against)  # raises, and says why

@@ -7,6 +7,7 @@ and fusing the two gives wrong poses without an error. Every warning is one sent
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -33,6 +34,9 @@ from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, nearest_rows
 from vioapr.trajectory.clock_offset import find_clock_offset
 
 Role = Literal["apr", "vio", "gt"]
+UNNAMED = "the other track"
+"""The path of a track whose file is not known."""
+_LEAST_STEP_S = 0.002
 _UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _LENGTH_UNITS = {1000.0: "millimetres", 100.0: "centimetres", 3.28: "feet", 39.4: "inches"}
@@ -60,6 +64,13 @@ class Track:
     def name(self) -> str:
         """For people: the last part of the path."""
         return self.path.rstrip("/").rsplit("/", 1)[-1]
+
+    def conversion(self, flags: str) -> str:
+        """The remedy that is a conversion of the file, with some flags of `vioapr convert`."""
+        source = "FILE" if self.path == UNNAMED else shlex.quote(self.path)
+        # A TUM file needs times; a table does with image names.
+        target = "fixed.tum" if self.poses.is_timed else "fixed.csv"
+        return f"convert it with `vioapr convert {source} {target} {flags}`"
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,12 +176,20 @@ def _find_time_unit(reference: Track, suspect: Track) -> TrackWarning | None:
             is_near = np.abs(scaled - wanted[[0, -1]]) <= 0.5 * max(duration_s, 1.0)
             # Clocks of seconds may be that far apart too, but not walks that much longer.
             is_longer = times[-1] - times[0] > 30 * duration_s > 0
-            if is_near.all() and is_longer:
+            if not (is_near.all() and is_longer):
+                continue
+            if float(np.median(np.diff(wanted))) < _LEAST_STEP_S:  # no tracker is so fast
                 return TrackWarning(
                     "time-unit",
-                    f"{one.name}: the timestamps fit {other.name} as {_UNIT_NAMES[unit]}",
-                    f"convert it with `vioapr convert {one.path} fixed.tum --time-unit {unit}`",
+                    f"{other.name}: the timestamps fit {one.name} as seconds, and were taken for "
+                    f"{_UNIT_NAMES[unit]}",
+                    other.conversion("--time-unit s"),
                 )
+            return TrackWarning(
+                "time-unit",
+                f"{one.name}: the timestamps fit {other.name} as {_UNIT_NAMES[unit]}",
+                one.conversion(f"--time-unit {unit}"),
+            )
     return None
 
 
@@ -180,7 +199,7 @@ def _warn_of_clock(reference: Track, suspect: Track, shift_s: float) -> TrackWar
         "clock",
         f"{suspect.name}: the clock is {abs(shift_s):.3g} s {direction} that of {reference.name} "
         "(by the turns of both)",
-        f"convert it with `vioapr convert {suspect.path} fixed.tum --shift-s={shift_s:.3f}`",
+        suspect.conversion(f"--shift-s={shift_s:.3f}"),
     )
 
 
@@ -244,7 +263,7 @@ def _check_convention(
             f"{track.name} fits {other.name} as {reading.title}, with rotations off by "
             f"{fit.rotation_deg:.1f} instead of {now.rotation_deg:.1f} deg and directions by "
             f"{fit.direction_deg:.0f} instead of {now.direction_deg:.0f} deg{either}",
-            f"convert it with `vioapr convert {track.path} fixed.tum --reading {reading.name}`",
+            track.conversion(f"--reading {reading.name}"),
         )
     fixed = part.with_transforms(poses)
     return warning, replace(common, **{"right" if is_reference else "left": fixed})
@@ -344,7 +363,7 @@ def _check_scale(
     yield TrackWarning(
         "scale",
         f"{track.name}: lengths are {scale:.3g} times those of {other.name}{named}",
-        f"convert it with `vioapr convert {track.path} fixed.tum --scale {_factor(scale, unit)}`",
+        track.conversion(f"--scale {_factor(scale, unit)}"),
     )
 
 

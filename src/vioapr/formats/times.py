@@ -83,17 +83,17 @@ def require_plausible_rate(path: Path, values: NDArray[np.float64], unit: TimeUn
         unit: The unit.
 
     Raises:
-        FormatError: Frames would be less than 0.1 ms or more than an hour apart.
+        FormatError: Frames would be less than 0.1 ms or more than an hour apart, and are not in
+            another unit.
     """
-    if has_plausible_rate(values, unit):
-        return
     best = find_time_unit(values).unit
-    fits = has_plausible_rate(values, best)
-    remedy = f"give `time_unit` {best}" if fits else "are they times of frames?"
+    # Times that are none of frames in any unit are no matter of the unit: see `check_speed`.
+    if has_plausible_rate(values, unit) or not has_plausible_rate(values, best):
+        return
     raise FormatError(
         path,
         f"expected frames 0.1 ms to an hour apart, got {_step_of(values) / PER_SECOND[unit]:.3g} s "
-        f"from one to the next in {UNIT_NAMES[unit]}: {remedy}",
+        f"from one to the next in {UNIT_NAMES[unit]}: give `time_unit` {best}",
     )
 
 
