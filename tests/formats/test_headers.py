@@ -1,5 +1,7 @@
 """Headers that say something else than a pose are refused with the choices; matrices are read."""
 
+import json
+
 import numpy as np
 import pytest
 from tests.formats.test_inspection import make_walk
@@ -217,3 +219,18 @@ def test_a_numbered_quaternion_without_motion_is_said(tmp_path):
     assert reading.warnings == [
         "q0 is taken for w and q1 for x: if they are not, name them qx, qy, ..."
     ]
+
+
+@pytest.mark.parametrize("name", ["transforms.json", "walk.json"])
+def test_json_whose_poses_come_late_is_recognized_by_its_fields(name, tmp_path):
+    path = tmp_path / name
+    frames = [
+        {"file_path": f"{k}.png", "transform_matrix": m} for k, m in enumerate(MATRICES.tolist())
+    ]
+    path.write_text(json.dumps({"about": "x" * 100_000, "frames": frames}))
+    reading = read_with_notes(path)
+    assert (reading.format.name, reading.confidence) == ("nerfstudio", 0.6)
+    assert inspect_file(path).candidates[0].confidence == 0.6
+    path.write_text(json.dumps({"about": "x" * 100_000, "frames": [{"file_path": "0.png"}]}))
+    with pytest.raises(FormatError, match="nearest format is nerfstudio"):
+        read_with_notes(path)

@@ -129,7 +129,7 @@ def rank_formats(path: Path) -> list[tuple[Format, float]]:
     head = b"" if is_folder(path) else _read_head(path)
     if ranked := _rank_whole(path, head) or _vote_by_rows(path, head):
         return ranked
-    return [] if b"\0" in head else _rank_by_name(path)
+    return [] if b"\0" in head else _rank_by_name(path, head)
 
 
 def _read_head(path: Path) -> bytes:
@@ -163,8 +163,11 @@ def _vote_by_rows(path: Path, head: bytes) -> list[tuple[Format, float]]:
     return sorted(ranked, key=lambda r: -r[1])
 
 
-def _rank_by_name(path: Path) -> list[tuple[Format, float]]:
-    """Formats that a file's name promises, whatever its content."""
+def _rank_by_name(path: Path, head: bytes) -> list[tuple[Format, float]]:
+    """Formats that a file's name promises, whatever its content.
+
+    Names of fields make a reader of JSON or XML sure, also of fields that come late in a file.
+    """
     promised = [
         format_
         for format_ in FORMATS.values()
@@ -172,7 +175,14 @@ def _rank_by_name(path: Path) -> list[tuple[Format, float]]:
     ]
     # A whole name, as cameras.json, promises more than an ending, as .json.
     promised.sort(key=lambda format_: plain_name(path) not in format_.default_for)
-    return [(format_, 0.1) for format_ in promised]
+    ranked = [(format_, 0.1) for format_ in promised]
+    if promised and head.lstrip()[:1] in (b"{", b"[", b"<"):
+        try:
+            promised[0].read(path, ReadOptions(notes=ReadingNotes()))
+        except (FormatError, ParameterError):
+            return ranked
+        ranked[0] = (promised[0], LEAST_CONFIDENCE)
+    return ranked
 
 
 def _rank(path: Path, head: bytes) -> list[tuple[Format, float]]:
@@ -342,7 +352,9 @@ def recognize_surely(path: Path, parameter: str = "format_name") -> tuple[Format
         )
     if head and (voted := _vote_by_rows(path, head)):
         raise _why_not(path, head, voted, parameter)
-    promised = _rank_by_name(path) if head and b"\0" not in head else []
+    promised = _rank_by_name(path, head) if head and b"\0" not in head else []
+    if promised and promised[0][1] >= LEAST_CONFIDENCE:
+        return promised[0]
     table = explain_table(head)
     if table is not None and table[0] not in (format_.name for format_, _ in promised):
         raise FormatError(
