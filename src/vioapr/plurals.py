@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from typing import SupportsIndex
 
-def count_of(count: int, noun: str, plural: str | None = None) -> str:
+
+def count_of(count: SupportsIndex, noun: str, plural: str | None = None) -> str:
     """Say a count of things.
 
     Args:
         count: How many.
-        noun: One of them; words may come before it: "tracked frame".
-        plural: Several of them, where that is not the noun with an s.
+        noun: One of them; words may come before and after it: "frame has".
+        plural: Several of them, where that is not the noun with an s: "frames have".
     """
     return f"{count} {noun if count == 1 else plural or noun + 's'}"
-
-
-def agree(count: int, singular: str, plural: str) -> str:
-    """The form of a verb or pronoun that goes with a count: `agree(n, "has", "have")`."""
-    return singular if count == 1 else plural

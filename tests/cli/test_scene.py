@@ -126,7 +126,7 @@ def test_import_keeps_what_was_imported_before_a_failure(run, tmp_path):
     assert code == 0
     assert "note: " in out
     assert "the split test is empty" in out
-    assert "1 recordings, 20 frames, 20 images: nothing is wrong" in out
+    assert "1 recording, 20 frames, 20 images: nothing is wrong" in out
 
 
 def test_import_says_flags_for_parameters(run, tmp_path):

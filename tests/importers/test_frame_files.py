@@ -163,7 +163,7 @@ def test_polycam_pictures_of_some_frames(tmp_path):
     source = make_polycam(tmp_path / "scan")
     (source / "keyframes/images/4.jpg").unlink()
     found = read_one(POLYCAM, source)
-    assert "images: 1 frames have none, the first is frame 5" in texts(found, warnings=True)
+    assert "images: 1 frame has none, the first is frame 5" in texts(found, warnings=True)
     assert found.vio_from_cam.is_known.all()
 
 

@@ -114,7 +114,7 @@ def test_satellite_positions(columns, folder):
     assert len(found.gnss.timestamp_s) == (2 if columns == 3 else 1)
     if columns > 3:
         assert found.gnss.altitude_m.tolist() == [60.0]
-        assert "GPS.txt: 1 rows have no position" in texts(found, warnings=True)
+        assert "GPS.txt: 1 row has no position" in texts(found, warnings=True)
 
 
 def test_no_recording(tmp_path):

@@ -128,7 +128,7 @@ def test_stray_missing_image(stray_folder):
     (stray_folder / "rgb/000004.jpg").unlink()
     (found,) = read_walks(STRAY, stray_folder)
     assert found.image_names[4] == ""
-    assert "images: 1 frames have none, the first is frame 5" in texts(found, warnings=True)
+    assert "images: 1 frame has none, the first is frame 5" in texts(found, warnings=True)
 
 
 def test_stray_images_of_no_frame(stray_folder):

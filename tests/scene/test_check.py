@@ -177,7 +177,7 @@ def test_a_torn_end_is_worth_a_note(scene):
     assert notes(scene) == [
         f"{WALK}/frames.csv:6: the last line is cut off and is passed over: was writing "
         "interrupted?",
-        f"{WALK}/images: 1 images belong to no frame: frame-4.jpg",
+        f"{WALK}/images: 1 image belongs to no frame: frame-4.jpg",
     ]
 
 
@@ -185,7 +185,7 @@ def test_frames_without_image_are_worth_a_note(scene):
     edit(scene.folder / WALK / "frames.csv", "frame-2.jpg", "")
     (scene.folder / WALK / "images/frame-2.jpg").unlink()
     assert errors(scene) == []
-    assert notes(scene) == [f"{WALK}/frames.csv: 1 frames have no image"]
+    assert notes(scene) == [f"{WALK}/frames.csv: 1 frame has no image"]
 
 
 def write_lost(scene, id_, tracker):

@@ -95,7 +95,7 @@ def test_broken_lines_are_left_out_and_said(scene):
     edit(scene.folder / "recordings/walk-1/frames.csv", "normal", "fine")
     first = summarize_scene(scene).recordings[0]
     assert first.frames == 8
-    assert first.problem.startswith("1 lines of frames.csv were left out")
+    assert first.problem.startswith("1 line of frames.csv left out")
 
 
 def test_broken_ground_truth_is_said(scene):

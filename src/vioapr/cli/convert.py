@@ -11,6 +11,7 @@ from vioapr.cli.streams import InputFile, OutputFile
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.conversion import convert_file
 from vioapr.formats.corrections import Corrections
+from vioapr.plurals import count_of
 
 _NAMED = 5
 """Of files that were kept."""
@@ -81,5 +82,5 @@ def convert(
     lost = f"; lost: {' and '.join(done.lost)}" if done.lost else ""
     say(
         f"{source} ({done.source_format}) -> {target} ({done.target_format}): "
-        f"{done.poses} poses{lost}"
+        f"{count_of(done.poses, 'pose')}{lost}"
     )

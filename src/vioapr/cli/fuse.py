@@ -24,6 +24,7 @@ from vioapr.fusion.methods import DEFAULT_METHOD, METHODS, get_method
 from vioapr.fusion.offline import View, fuse_walk
 from vioapr.fusion.pairing import check_pairing, pair_frames
 from vioapr.fusion.smoothing import smooth_walk
+from vioapr.plurals import count_of
 from vioapr.report.formatting import format_statuses
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 from vioapr.work.results import replacing_output
@@ -118,6 +119,6 @@ def fuse(
     if fused.is_localized.any():
         with replacing_output(tum_out, overwrite=overwrite) as partial:
             tum.write(partial, fused.to_trajectory())
-        say(f"{tum_out}: {fused.is_localized.sum()} localized frames")
+        say(f"{tum_out}: {count_of(fused.is_localized.sum(), 'localized frame')}")
     else:
         say(f"{tum_out}: not written, no frame was localized")

@@ -12,6 +12,7 @@ from vioapr.cli.flags import fill_flags, flag_names
 from vioapr.formats.base import TimeUnit
 from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, ImportOptions, Place, Split
 from vioapr.importers.registry import get_importer, import_source
+from vioapr.plurals import count_of
 
 
 def import_(
@@ -108,4 +109,4 @@ def import_(
             warning, style = ("WARNING ", "yellow") if finding.is_warning else ("", "")
             say(f"  {warning}{fill_flags(finding.text, flags)}", style)
         count += 1
-    say(f"{out}: {count} recording{'s' if count != 1 else ''} imported")
+    say(f"{out}: {count_of(count, 'recording')} imported")

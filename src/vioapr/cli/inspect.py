@@ -16,6 +16,7 @@ from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.inspection import inspect_file
 from vioapr.formats.registry import read_with_notes
 from vioapr.importers.registry import find_importer
+from vioapr.plurals import count_of
 from vioapr.schemas.inspection import Inspection
 
 _MAX_FITS = 4
@@ -146,7 +147,7 @@ def table_of(inspection: Inspection) -> Table:
     rows = [
         ("format", f"{best.name}, {best.confidence:.0%} sure" + (f" (or {rest})" if rest else "")),
         ("convention", inspection.convention),
-        ("read as", f"{inspection.frames}, {inspection.poses} poses, {times}, {names}"),
+        ("read as", f"{inspection.frames}, {count_of(inspection.poses, 'pose')}, {times}, {names}"),
         ("extent", ", ".join(f"{n} {low:.3f} to {high:.3f} m" for n, (low, high) in low_high)),
         ("path", f"{inspection.path_length_m:.3f} m"),
     ]

@@ -11,6 +11,7 @@ from vioapr.cli.console import progress, say
 from vioapr.cli.tables import Column, Row, Table, draw
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pipeline import map_scene
+from vioapr.plurals import count_of
 from vioapr.report.map_report import FIGURES, write_map_report
 from vioapr.scene.scene import Scene
 from vioapr.schemas.map_summary import MapSummary
@@ -57,8 +58,8 @@ def print_summary(summary: MapSummary) -> None:
     draw(Table("registered images", (*names, *map(Column, headers)), [rows]))
     model, world = summary.model, summary.world
     say(
-        f"map: {model.images} images, {model.points} points, reprojection error "
-        f"{model.mean_reprojection_error_px:.2f} px"
+        f"map: {count_of(model.images, 'image')}, {count_of(model.points, 'point')}, "
+        f"reprojection error {model.mean_reprojection_error_px:.2f} px"
     )
     percents = [100 * (scale.relative - 1) for scale in world.scales]
     say(

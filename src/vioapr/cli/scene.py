@@ -15,6 +15,7 @@ from vioapr.cli.tables import Column, Format, Row, Table, Value, show
 from vioapr.errors import ParameterError, VioAprError
 from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_bytes, write_text
+from vioapr.plurals import count_of
 from vioapr.report.figures.speed import speed_bins, speed_figure, speed_panels
 from vioapr.report.style import render
 from vioapr.scene.check import check_scene, count_frames
@@ -52,9 +53,10 @@ def scene_check(
     for problem in report.problems:
         prefix, style = ("", "red") if problem.is_error else ("note: ", "")
         say(f"{prefix}{problem}", style)
-    counts = f"{report.recordings} recordings, {report.frames} frames, {report.images} images"
+    counted = ("recording", report.recordings), ("frame", report.frames), ("image", report.images)
+    counts = ", ".join(count_of(count, noun) for noun, count in counted)
     if report.errors:
-        raise VioAprError(f"{folder}: {len(report.errors)} problems in {counts}")
+        raise VioAprError(f"{folder}: {count_of(len(report.errors), 'problem')} in {counts}")
     say(f"{folder}: {counts}: nothing is wrong", "green")
 
 

@@ -10,6 +10,7 @@ import tyro
 
 from vioapr.cli.console import progress, say
 from vioapr.errors import ParameterError
+from vioapr.plurals import count_of
 from vioapr.scene.walks import walk_file_names, write_walk
 from vioapr.work.results import ResultFolder
 
@@ -75,7 +76,7 @@ def simulate_courtyard(
     background = Background(out / FROM_ABOVE, FROM_ABOVE_WIDTH_M)
     save_photo_figure(route_map(scene, background), out / "routes.png")
     for plan in plans:
-        text = f"{plan.id_}: {params.frames} images, {plan.weather}, {plan.route}"
+        text = f"{plan.id_}: {count_of(params.frames, 'image')}, {plan.weather}, {plan.route}"
         if plan.tracker_events.lost_s is not None:
             text += f", tracking lost at {plan.tracker_events.lost_s:.0f} s"
         if plan.tracker_events.jump_s is not None:

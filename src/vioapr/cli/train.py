@@ -12,6 +12,7 @@ from vioapr.cli.flags import split_names
 from vioapr.cli.torch_extra import require_torch
 from vioapr.cli.training_lines import TrainingLines
 from vioapr.errors import ParameterError
+from vioapr.plurals import count_of
 from vioapr.regression.params import TrainingParams, batches_of_epoch
 from vioapr.scene.scene import Scene
 from vioapr.schemas.regressor import RegressorSpec
@@ -84,7 +85,7 @@ def train(
     else:
         journal = run_training(run._replace(watch=TrainingLines(epochs, log)), resume=resume)
     best = journal.epochs[journal.best]
-    text = f"{len(journal.epochs)} epochs, {best.images_per_s:.0f} images/s"
+    text = f"{count_of(len(journal.epochs), 'epoch')}, {best.images_per_s:.0f} images/s"
     if best.validation_position_m is not None:
         text += (
             f", best epoch {journal.best + 1}: {best.validation_position_m:.3f} m, "

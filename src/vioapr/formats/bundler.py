@@ -22,6 +22,7 @@ from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.left_out import NO_POSE
 from vioapr.formats.named import build_named
 from vioapr.formats.poses import build_trajectory, index_times, poses_of, rigid_of_matrices
+from vioapr.plurals import count_of
 from vioapr.trajectory import Trajectory
 
 _BUNDLE_HEADER, _NVM_HEADER = b"# Bundle file", b"NVM_V3"
@@ -67,7 +68,9 @@ def read_bundle(path: Path, options: ReadOptions) -> Trajectory:
     count = _count(path, lines[0][1], lines[0][0])
     body = lines[1 : 1 + 5 * count]
     if not count or len(body) < 5 * count:
-        raise FormatError(path, f"expected 5 lines for each of {count} images, got {len(body)}")
+        raise FormatError(
+            path, f"expected 5 lines for each of {count_of(count, 'image')}, got {len(body)}"
+        )
     for number, fields in body:
         if len(fields) != 3 or not all(map(is_number, fields)):
             raise FormatError(path, "expected 3 numbers in a line of an image", number)
@@ -109,7 +112,9 @@ def read_nvm(path: Path, options: ReadOptions) -> Trajectory:
     count = _count(path, lines[0][1], lines[0][0])
     body = lines[1 : 1 + count]
     if not count or len(body) < count:
-        raise FormatError(path, f"expected a line for each of {count} images, got {len(body)}")
+        raise FormatError(
+            path, f"expected a line for each of {count_of(count, 'image')}, got {len(body)}"
+        )
     names: list[str] = []
     fields: list[list[str]] = []
     for number, row in body:

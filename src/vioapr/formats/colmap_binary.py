@@ -21,6 +21,7 @@ from vioapr.formats.base import Format, ReadOptions
 from vioapr.formats.colmap import PARTS, PLACEHOLDER_PINHOLE, PLACEHOLDER_SIZE, file_of, images_of
 from vioapr.formats.named import build_named
 from vioapr.formats.poses import poses_of
+from vioapr.plurals import count_of
 from vioapr.trajectory import Trajectory
 
 _FILE = "images.bin"
@@ -66,7 +67,9 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     for number in range(1, count + 1):
         end_of_name = content.find(b"\0", at + _IMAGE.size)
         if end_of_name < 0 or end_of_name + 1 + _COUNT.size > len(content):
-            raise FormatError(path, f"expected {count} images, got the end of the file", number)
+            raise FormatError(
+                path, f"expected {count_of(count, 'image')}, got the end of the file", number
+            )
         values[number - 1] = _IMAGE.unpack_from(content, at)[1:8]
         try:
             names.append(content[at + _IMAGE.size : end_of_name].decode())
@@ -75,7 +78,9 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
         (points,) = _COUNT.unpack_from(content, end_of_name + 1)
         at = end_of_name + 1 + _COUNT.size + points * _POINT_BYTES
         if at > len(content):
-            raise FormatError(path, f"expected {points} points, got the end of the file", number)
+            raise FormatError(
+                path, f"expected {count_of(points, 'point')}, got the end of the file", number
+            )
     rows = Rows.numbered(path, len(names))
     poses = poses_of(rows, values[:, 4:7], values[:, [1, 2, 3, 0]])
     return build_named(rows, names, conventions.cam_from_world(poses), options)

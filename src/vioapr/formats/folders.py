@@ -15,6 +15,7 @@ from vioapr.files.text import natural_key, read_text
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.poses import rigid_of_file
 from vioapr.geometry.rigid import Rigid3
+from vioapr.plurals import count_of
 
 
 def find_frames(folder: Path, pattern: str) -> list[Path]:
@@ -90,7 +91,7 @@ def read_matrix_files(
     for file in files:
         table = parse_rows(file, read_text(file), range(4, 5), what="a row of a 4x4 matrix")
         if len(table) != 4:
-            raise FormatError(file, f"expected a 4x4 matrix, got {len(table)} rows")
+            raise FormatError(file, f"expected a 4x4 matrix, got {count_of(len(table), 'row')}")
         matrices.append(table.numbers(slice(0, 4)))
     rows = Rows.numbered(path, len(files))
     return rows, rigid_of_file(rows, np.array(matrices), options)

@@ -17,6 +17,7 @@ from vioapr.errors import FormatError
 from vioapr.files.tables import CUT_OFF, RowProblem, Rows
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.notes import LeftOutRow
+from vioapr.plurals import count_of
 
 NO_POSE = "no pose"
 """The summary of rows without numbers."""
@@ -233,7 +234,7 @@ def _sentence(
     members: list[int],
     names: Sequence[str] | None,
 ) -> str:
-    count, has = (f"{len(members)} rows", "have") if len(members) > 1 else ("1 row", "has")
+    count, has = count_of(len(members), "row"), "have" if len(members) > 1 else "has"
     if kind == "pose":
         where = lines_text(rows.lines[row] for row in members)
         return f"{count} {has} no pose ({where}): left out"

@@ -16,6 +16,7 @@ from pathlib import Path
 from vioapr.files.tables import RowProblem, Rows, is_number
 from vioapr.formats.base import ReadOptions
 from vioapr.formats.left_out import NOT_TRACKED
+from vioapr.plurals import count_of
 
 _STATES = ("trackingstate", "trackingstatus", "trackstate", "trackstatus", "trackerstate")
 _FLAGS = ("tracking", "istracking", "tracked", "istracked", "trackingok", "istrackingok")
@@ -142,6 +143,6 @@ def mark_lost_rows(
         text = f"expected a tracked pose, got {name} {fields[row].strip()[:40]!r}"
         rows.problems.setdefault(rows.lines[row], RowProblem(text, NOT_TRACKED))
     if states.limited:
-        count = f"{states.limited} rows" if states.limited > 1 else "1 row"
+        count = count_of(states.limited, "row")
         text = f"{count} of limited tracking {'are' if states.limited > 1 else 'is'} kept"
         options.note(path, text, is_warning=False)

@@ -354,6 +354,6 @@ def labelled_walk(
         intrinsics=intrinsics,
         gt=timed_gt(labels, times[rows]),
     )
-    walk.note(f"no timestamps: counted at {rate_hz:g} frames per second")
+    walk.note(f"no timestamps: counted at {rate_hz:g} Hz")
     walk.note("no tracker: the poses are ground truth, and no frame has one of a tracker")
     return walk

@@ -17,6 +17,7 @@ from vioapr.geometry.frames import y_up_from_z_up
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.vectors import STANDARD_GRAVITY_M_S2, angle_between_deg
 from vioapr.importers.base import Walk
+from vioapr.plurals import count_of
 from vioapr.scene.divergence import WINDOW_S, find_divergence
 from vioapr.scene.frames import Tracking
 from vioapr.trajectory import Trajectory, nearest_rows
@@ -40,7 +41,7 @@ COUNTS = "counts"
 def note_counts(walk: Walk, images: int) -> None:
     """Say how many frames have an image, a tracker's pose and ground truth."""
     rows = np.flatnonzero(walk.tracking != Tracking.LOST)
-    text = f"{len(walk)} frames: {images} with image, {len(rows)} with tracker's pose"
+    text = f"{count_of(len(walk), 'frame')}: {images} with image, {len(rows)} with tracker's pose"
     walk.note(text if walk.gt is None else f"{text}, {len(walk.gt)} with ground truth", COUNTS)
 
 
@@ -54,7 +55,8 @@ def diagnose(walk: Walk) -> None:
     note_counts(walk, images)
     if walk.info.has_images and images < len(walk):
         missing = [row for row, name in enumerate(walk.image_names) if not name]
-        text = f"images: {len(missing)} frames have none, the first is frame {missing[0] + 1}"
+        lacking = count_of(len(missing), "frame has", "frames have")
+        text = f"images: {lacking} none, the first is frame {missing[0] + 1}"
         (walk.note if walk.is_thinned else walk.warn)(text)
     if walk.info.tracker and len(rows) == 0:
         walk.warn("tracking was lost throughout: no frame has a pose")

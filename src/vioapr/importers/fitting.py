@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vioapr.importers.base import Walk
 from vioapr.importers.diagnostics import MAX_NAMED
+from vioapr.plurals import count_of
 from vioapr.scene.frames import Intrinsics
 
 _Size = tuple[int, int]
@@ -105,7 +106,7 @@ class CameraFitter:
         if self._rescaled:
             walk.note(
                 f"intrinsics: they are of images of {_pairs(self._rescaled)}: rescaled to the "
-                f"images' size ({self._rescaled.total()} frames)"
+                f"images' size ({count_of(self._rescaled.total(), 'frame')})"
             )
         if self._other_shape:
             is_turned = all(
@@ -118,20 +119,21 @@ class CameraFitter:
             )
             walk.warn(
                 f"intrinsics: they are of images of {_pairs(self._other_shape)}: {why}; those of "
-                f"{self._other_shape.total()} frames are left out. Import the images as they were "
-                "taken, or give `focal_px`"
+                f"{count_of(self._other_shape.total(), 'frame')} are left out. "
+                "Import the images as they were taken, or give `focal_px`"
             )
         if self._off_centre:
             walk.warn(
                 f"intrinsics: their middle is that of images of {_pairs(self._off_centre)}: those "
-                f"of {self._off_centre.total()} frames are left out; give `focal_px`"
+                f"of {count_of(self._off_centre.total(), 'frame')} are left out; "
+                "give `focal_px`"
             )
         if self.focal_px is not None:
             walk.note(f"intrinsics: focal length {self.focal_px:g} pixels, as you say")
         if self._centred:
             walk.note(
-                f"intrinsics: the principal point of {self._centred} frames is taken to be the "
-                "image's middle"
+                f"intrinsics: the principal point of {count_of(self._centred, 'frame')} is taken "
+                "to be the image's middle"
             )
         if self.sizes:
             found = ", ".join(_text(size) for size in sorted(self.sizes)[:MAX_NAMED])
@@ -173,7 +175,8 @@ def drop_impossible_intrinsics(walk: Walk) -> None:
     is_wrong |= ~np.isnan(pinhole).all(axis=0) & is_odd
     if is_wrong.any():
         walk.warn(
-            f"intrinsics: those of {is_wrong.sum()} frames are left out: sizes must be whole, "
+            f"intrinsics: those of {count_of(is_wrong.sum(), 'frame')} are left out: "
+            "sizes must be whole, "
             "focal lengths above 0"
         )
     table[:2, is_odd_size], table[2:, is_odd] = np.nan, np.nan

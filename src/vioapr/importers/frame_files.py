@@ -29,6 +29,7 @@ from vioapr.importers.base import (
 from vioapr.importers.diagnostics import MAX_NAMED
 from vioapr.importers.image_paths import with_ending
 from vioapr.importers.matrices import poses_of_matrices
+from vioapr.plurals import count_of
 from vioapr.scene.frames import Intrinsics
 from vioapr.schemas.recording import RecordingInfo
 
@@ -114,7 +115,9 @@ def build_walk(
     if found.problems:
         named = "; ".join(str(problem) for problem in found.problems[:MAX_NAMED])
         more = "; ..." if len(found.problems) > MAX_NAMED else ""
-        walk.warn(f"{len(found.problems)} frames are not whole: {named}{more}")
+        walk.warn(
+            f"{count_of(len(found.problems), 'frame is', 'frames are')} not whole: {named}{more}"
+        )
     return walk
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vioapr.errors import FormatError
 from vioapr.importers.base import is_image_name
 from vioapr.importers.reading import Reading
+from vioapr.plurals import count_of
 from vioapr.trajectory import Trajectory, nearest_rows
 
 
@@ -118,7 +119,7 @@ def pair_images(
     if not pairs:
         what = "timestamps" if track.is_timed else "names" if track.names else "number of poses"
         raise FormatError(
-            of_walk.path, f"expected {what} that fit the {len(images)} images of "
+            of_walk.path, f"expected {what} that fit the {count_of(len(images), 'image')} of "
             f"{found.folder}, as {images[0]}, got none that do"
         )  # fmt: skip
     rows, of = np.array(pairs, dtype=np.intp).T

@@ -15,6 +15,7 @@ from vioapr.errors import FormatError
 from vioapr.formats.base import TimeUnit
 from vioapr.formats.times import PER_SECOND, UNIT_NAMES, find_time_unit, has_plausible_rate
 from vioapr.importers.image_pairing import ImageFiles, Track, last_of, pairs_by_name, stem_of
+from vioapr.plurals import count_of
 from vioapr.trajectory import nearest_rows
 
 _DEFAULT_RATE_HZ = 1.0
@@ -139,7 +140,7 @@ def _why_no_times(found: ImageFiles, of_walk: Track, stamps: NDArray[np.float64]
     names, poses, nothing = found.names, len(of_walk.track), len(of_walk.reading.left_out)
     have = "has" if nothing == 1 else "have"
     rows = f", of {poses + nothing} rows {nothing} {have} none" if nothing else ""
-    got = f"got {len(names)} images as {names[0]}"
+    got = f"got {count_of(len(names), 'image')} as {names[0]}"
     known_s = of_walk.track.timestamp_s
     if stamps is not None:
         got += (
@@ -148,7 +149,7 @@ def _why_no_times(found: ImageFiles, of_walk: Track, stamps: NDArray[np.float64]
         )
     return (
         f"expected images named by timestamps of {of_walk.path.name}, or one for each of its rows "
-        f"({poses} poses{rows}), {got}: give `rate_hz`, or a trajectory with names"
+        f"({count_of(poses, 'pose')}{rows}), {got}: give `rate_hz`, or a trajectory with names"
     )
 
 

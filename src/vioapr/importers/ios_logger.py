@@ -31,6 +31,7 @@ from vioapr.importers.base import (
 from vioapr.importers.reading import read_noted
 from vioapr.importers.stray import imu_of_device
 from vioapr.importers.video import count_video_frames, read_video
+from vioapr.plurals import count_of
 from vioapr.scene.frames import Intrinsics
 from vioapr.scene.sensors import Gnss, Imu
 from vioapr.schemas.recording import RecordingInfo
@@ -120,8 +121,8 @@ def find_images(source: Path, count: int) -> tuple[list[str], Iterator[Image], s
             problem = None
             if len(found) != count:
                 problem = (
-                    f"images: {folder}/ has {len(found)} and {_FRAMES} {count} rows: they are "
-                    "paired in order"
+                    f"images: {folder}/ has {len(found)} and {_FRAMES} {count_of(count, 'row')}: "
+                    "they are paired in order"
                 )
             kept = found[:count] + [""] * (count - len(found))
             return kept, (source / folder / name if name else None for name in kept), problem
@@ -132,8 +133,8 @@ def find_images(source: Path, count: int) -> tuple[list[str], Iterator[Image], s
     problem = None
     if frames is not None and frames != count:
         problem = (
-            f"images: the video has {frames} frames and {_FRAMES} {count} rows: they are paired "
-            "in order"
+            f"images: the video has {count_of(frames, 'frame')} and {_FRAMES} "
+            f"{count_of(count, 'row')}: they are paired in order"
         )
     known = count if frames is None else frames
     names = [f"{row:06d}.jpg" if row < known else "" for row in range(count)]
@@ -188,7 +189,10 @@ def read_gnss(walk: Walk, path: Path) -> Gnss | None:
     times, latitude, longitude, horizontal_m, altitude_m, vertical_m = values.T
     known = np.isfinite(values[:, :3]).all(axis=1) & ~(horizontal_m < 0)
     if not known.all():
-        walk.warn(f"{path.name}: {int((~known).sum())} rows have no position, and are left out")
+        walk.warn(
+            f"{path.name}: {count_of(int((~known).sum()), 'row has', 'rows have')} no position: "
+            "left out"
+        )
     vertical_m = np.where(vertical_m > 0, vertical_m, np.nan)
     altitude_m = np.where(np.isfinite(vertical_m), altitude_m, np.nan)
     columns = (times, latitude, longitude, altitude_m, horizontal_m, vertical_m)

@@ -224,7 +224,7 @@ def read_walk(
         tracking=tracking_of(poses),
         up="definition",
     )
-    walk.note(f"no timestamps: counted at {rate_hz:g} frames per second")
+    walk.note(f"no timestamps: counted at {rate_hz:g} Hz")
     if vio is None:
         names = ", ".join(file for file, _ in _TRACKERS.values())
         walk.warn(f"no tracker's file ({names}) has its images")

@@ -30,6 +30,7 @@ from vioapr.importers.transforms import (
     TransformsFrame,
 )
 from vioapr.importers.transforms_world import World, find_world
+from vioapr.plurals import count_of
 from vioapr.scene.frames import Intrinsics
 from vioapr.schemas.recording import RecordingInfo
 from vioapr.trajectory import Trajectory
@@ -87,7 +88,7 @@ def read_walk(source: Path, options: ImportOptions) -> Walk:
     say_paths(walk, paths)
     say_problems(walk, found)
     if clock is None:
-        text = f"no timestamps: counted at {1 / _step_s(times):g} frames per second in the order "
+        text = f"no timestamps: counted at {1 / _step_s(times):g} Hz in the order "
         (walk.warn if options.rate_hz is None else walk.note)(f"{text}of the names")
     else:
         walk.note(f"time: from the file, in {clock}")
@@ -214,7 +215,9 @@ def read_cameras(found: Transforms, images: list[Path], walk: Walk) -> Intrinsic
         camera.setdefault("fl_y", camera["fl_x"])
         table[row] = [camera.get(key, np.nan) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")]
     if angles:
-        walk.note(f"intrinsics: the focal length of {angles} frames is from camera_angle_x")
+        walk.note(
+            f"intrinsics: the focal length of {count_of(angles, 'frame')} is from camera_angle_x"
+        )
     return Intrinsics(*table.T)
 
 
@@ -232,13 +235,14 @@ def say_paths(walk: Walk, paths: ImagePaths) -> None:
     if paths.moved:
         written, found = next(iter(paths.moved.items()))
         walk.note(
-            f"paths: {len(paths.moved)} images are not where the file says, and were found by the "
+            f"paths: {count_of(len(paths.moved), 'image is', 'images are')} "
+            "not where the file says, and found by the "
             f"end of their path: {written} is {found.relative_to(paths.folder).as_posix()}"
         )
     if paths.ambiguous:
         walk.warn(
-            f"paths: of {len(paths.ambiguous)} paths several images could be meant, the first is "
-            f"{paths.ambiguous[0]}"
+            f"paths: of {count_of(len(paths.ambiguous), 'path')} several images could be meant, "
+            f"the first is {paths.ambiguous[0]}"
         )
 
 
@@ -247,7 +251,9 @@ def say_problems(walk: Walk, found: Transforms) -> None:
     if found.problems:
         named = "; ".join(str(problem) for problem in found.problems[:MAX_NAMED])
         more = "; ..." if len(found.problems) > MAX_NAMED else ""
-        walk.warn(f"{len(found.problems)} frames are not whole: {named}{more}")
+        walk.warn(
+            f"{count_of(len(found.problems), 'frame is', 'frames are')} not whole: {named}{more}"
+        )
 
 
 def say_scale(walk: Walk, world: World, options: ImportOptions) -> None:

@@ -33,6 +33,7 @@ from vioapr.importers.base import (
 )
 from vioapr.importers.reading import frames_of_rows, read_noted
 from vioapr.importers.video import count_video_frames, read_video
+from vioapr.plurals import count_of
 from vioapr.scene.frames import Intrinsics
 from vioapr.scene.sensors import Imu
 from vioapr.schemas.recording import RecordingInfo
@@ -105,7 +106,7 @@ def read_cameras(source: Path) -> tuple[list[int], NDArray[np.int64], Intrinsics
     rows = parse_rows(matrix, read_text(matrix), range(3, 4), what="a 3x3 matrix", delimiter=",")
     k = rows.numbers(slice(0, 3))
     if k.shape != (3, 3):
-        raise FormatError(matrix, f"expected a 3x3 matrix, got {len(rows)} rows")
+        raise FormatError(matrix, f"expected a 3x3 matrix, got {count_of(len(rows), 'row')}")
     camera = np.array([np.nan, np.nan, k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
     return table.lines, numbers, Intrinsics(*np.repeat(camera[:, None], len(table), axis=1))
 
@@ -138,7 +139,7 @@ def find_images(
     problem = None
     if count is not None and count != len(numbers):
         problem = (
-            f"images: the video has {count} frames and the odometry {len(numbers)}: "
+            f"images: the video has {count_of(count, 'frame')} and the odometry {len(numbers)}: "
             "they are paired in order"
         )
     names = [f"{number:06d}.jpg" for number in numbers.tolist()]

@@ -9,6 +9,7 @@ from pathlib import Path
 from vioapr.errors import MappingError, UnwritableError
 from vioapr.mapping.colmap import load_pycolmap, registered_images, translated_errors
 from vioapr.mapping.params import MappingParams
+from vioapr.plurals import count_of
 from vioapr.work.progress import Tick
 
 MIN_MODEL_IMAGES = 3
@@ -86,8 +87,8 @@ def reconstruct(
         models = sorted(found.values(), key=lambda model: -model.num_reg_images())
         if not models:
             raise MappingError(
-                f"no map could be made of {len(names)} images: too few see the same things. "
-                "Walk more slowly, so that images overlap, or take more of them"
+                f"no map could be made of {count_of(len(names), 'image')}: too few see the same "
+                "things. Walk more slowly, so that images overlap, or take more of them"
             )
         models[0].write(folder)
     shutil.rmtree(scratch, ignore_errors=True)

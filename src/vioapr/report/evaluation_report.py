@@ -16,6 +16,7 @@ from vioapr.files.text import write_text
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import View
 from vioapr.fusion.types import Status
+from vioapr.plurals import count_of
 from vioapr.report.figures import FIGURES, count_figure_ticks, save_figures
 from vioapr.report.formatting import (
     RELIABILITY_HEADERS,
@@ -192,7 +193,7 @@ def list_facts(
     walks = {(result.case.set_name, result.case.walk) for result in results}
     runs = len(frames_of_case)
     facts = [
-        ("Walks", f"{len(walks)}, fused {runs} times (odometries and regressors)"),
+        ("Walks", f"{len(walks)}, fused {count_of(runs, 'time')} (odometries and regressors)"),
         ("Frames", f"{sum(frames_of_case.values())} with ground truth, in all of these"),
     ]
     if view:

@@ -9,6 +9,7 @@ from vioapr.evaluation.reliability import Reliability
 from vioapr.evaluation.tables import Group
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.types import Status
+from vioapr.plurals import count_of
 
 UNKNOWN = "–"
 """Stands for a figure over no frames."""
@@ -66,7 +67,7 @@ def format_reliability(figures: Reliability) -> list[str]:
 def format_walks(group: Group) -> str:
     """How many walks a group has, and how many runs with several draws of odometry."""
     walks = len({result.case.walk for result in group.results})
-    text = f"{walks} walk{'s' if walks != 1 else ''}"
+    text = count_of(walks, "walk")
     return text if walks == group.cases else f"{text} ({group.cases} with every draw of odometry)"
 
 
@@ -74,7 +75,7 @@ def format_statuses(fused: FusedWalk) -> str:
     """How many frames a walk has, and how many of each status."""
     counts = {status.label: int((fused.status == status).sum()) for status in Status}
     parts = [f"{count} {label}" for label, count in counts.items() if count]
-    return f"{len(fused)} frames: {', '.join(parts)}"
+    return f"{count_of(len(fused), 'frame')}: {', '.join(parts)}"
 
 
 def format_number(value: float, digits: int = 2) -> str:

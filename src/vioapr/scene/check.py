@@ -15,6 +15,7 @@ from vioapr.files.append_table import Problem
 from vioapr.files.atomic import PARTIAL_SUFFIX
 from vioapr.files.images import IMAGE_SUFFIXES, decode_problem, probe_image
 from vioapr.formats.registry import read_trajectory
+from vioapr.plurals import count_of
 from vioapr.scene.divergence import find_divergence
 from vioapr.scene.frames import Frames, Tracking, read_frame_blocks
 from vioapr.scene.recording import (
@@ -172,7 +173,10 @@ def check_recording(
     orphans = sorted(name for name in found if name not in walked.names)
     if orphans:
         named = ", ".join(orphans[:_MAX_NAMED]) + (", ..." if len(orphans) > _MAX_NAMED else "")
-        report.note(images, f"{len(orphans)} images belong to no frame: {named}")
+        report.note(
+            images,
+            f"{count_of(len(orphans), 'image belongs', 'images belong')} to no frame: {named}",
+        )
     for name, read in _SENSORS.items():
         if (folder / name).exists():
             with _collecting(report):
@@ -238,7 +242,10 @@ def check_whole_track(
     if info.has_images and not walked.names:
         report.error(table, "expected images, but no frame has one")
     elif info.has_images and len(walked.names) < walked.frames:
-        report.note(table, f"{walked.frames - len(walked.names)} frames have no image")
+        report.note(
+            table,
+            f"{count_of(walked.frames - len(walked.names), 'frame has', 'frames have')} no image",
+        )
     if walked.lost == walked.frames and info.tracker:
         report.error(table, "tracking was lost throughout: no frame has a pose")
     times, positions = np.concatenate(walked.times), np.concatenate(walked.positions)

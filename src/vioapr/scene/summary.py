@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vioapr.errors import VioAprError
 from vioapr.files.append_table import Problem
 from vioapr.geometry.vectors import step_lengths_m
+from vioapr.plurals import count_of
 from vioapr.scene.frames import Frames, Tracking, read_frame_blocks
 from vioapr.scene.recording import FRAMES_FILE
 from vioapr.scene.scene import SPLITS, Scene
@@ -168,7 +169,9 @@ def summarize_recording(
         tick(len(block))
     errors = [problem for problem in problems if problem.is_error]
     if errors:
-        summary.problem = f"{len(errors)} lines of {FRAMES_FILE} were left out: vioapr scene check"
+        summary.problem = (
+            f"{count_of(len(errors), 'line')} of {FRAMES_FILE} left out: vioapr scene check"
+        )
     summary.duration_s = float(vio.last_s - vio.first_s) if summary.frames else 0.0
     try:
         gt = scene.gt(id_)

@@ -10,6 +10,7 @@ import numpy as np
 from vioapr.evaluation.metrics import cumulative_distribution
 from vioapr.evaluation.vio_quality import VioQuality
 from vioapr.evaluation.vio_tables import group_tracks, pooled_errors, steady
+from vioapr.plurals import count_of
 from vioapr.report.formatting import format_error
 from vioapr.report.style import (
     house_style,
@@ -126,7 +127,7 @@ def _lines(qualities: list[VioQuality]) -> Iterator[tuple[str, str | None, VioQu
         return
     for color, (name, members) in zip(_COLORS, groups, strict=False):
         diverging = len(members) - len(steady(members))
-        label = f"{name}, {len(members)} walk{'s' if len(members) != 1 else ''}"
+        label = f"{name}, {count_of(len(members), 'walk')}"
         label += f", {diverging} diverging (dotted)" if diverging else ""
         for number, quality in enumerate(members):
             yield color, label if number == 0 else None, quality
