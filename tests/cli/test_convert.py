@@ -159,3 +159,15 @@ def test_a_sequence_is_picked(tmp_path):
 def test_an_unknown_format_is_refused(tmp_path):
     with pytest.raises(ParameterError, match="unknown format 'x'"):
         convert(write("tum", tmp_path), tmp_path / "out.tum", target_format="x")
+
+
+def test_strict_refuses_what_a_reader_warns_of(run, fails, tmp_path):
+    source, target = tmp_path / "walk.tum", tmp_path / "out.tum"
+    source.write_text("".join(f"{33 * k} {k / 30} 0 0 0 0 0 1\n" for k in range(9)))
+    line = fails("convert", source, target, "--strict")
+    assert (
+        "times are taken for milliseconds, by their steps: if they are not, say --time-unit" in line
+    )
+    assert not target.exists()
+    code, _, err = run("convert", source, target)
+    assert code == 0, err

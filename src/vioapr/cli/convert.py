@@ -50,7 +50,7 @@ def convert(
             five with -opengl. `vioapr inspect IN --against` another track says which fits.
         scale: Factor of all positions: 0.01 for centimetres.
         shift_s: To add to all timestamps, s.
-        strict: Refuse a file with rows that give no pose, or with poses that look wrong, rather
+        strict: Refuse a file with rows that give no pose, or with anything that looks wrong, rather
             than warn.
         overwrite: Write over an existing OUT. Of a folder, what vioapr wrote is replaced, and
             other files stay; poses among them that would be read with the new ones are refused.

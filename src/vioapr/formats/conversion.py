@@ -8,6 +8,7 @@ from pathlib import Path
 
 from vioapr.errors import (
     AlreadyExistsError,
+    FormatError,
     ParameterError,
     SuspectTrackError,
     UnreadableError,
@@ -93,6 +94,8 @@ def convert_file(
     write = require_writer(writer, by_name)
     check_target(source, target, overwrite=overwrite)
     reading = read_with_notes(source, source_format, options, parameter="source_format")
+    if reading.warnings and options is not None and options.strict:
+        raise FormatError(source, reading.warnings[0])
     trajectory = (corrections or Corrections()).apply(reading.trajectory)
     warnings = tuple(check_track(trajectory))
     if warnings and options is not None and options.strict:
