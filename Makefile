@@ -15,11 +15,11 @@ demo: $(VENV)/.installed
 	$(BIN)/vioapr demo
 
 # A process a core, so one thread a process: more would wait for each other. A file of tests is
-# run by one process, which makes what its tests share once.
+# run by one process, which makes what its tests share once. In order, as long files have few tests.
 test: export OMP_NUM_THREADS := 1
 test: export OPENBLAS_NUM_THREADS := 1
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto --dist loadfile $(if $(FAST),$(FAST_FLAGS))
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(if $(FAST),$(FAST_FLAGS))
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -6,7 +6,9 @@ from itertools import cycle
 
 import numpy as np
 import pytest
+from tests.shared import shared_folder
 
+from vioapr.files.atomic import write_atomically
 from vioapr.fusion.methods import METHODS
 from vioapr.geometry.rigid import Rigid3
 from vioapr.simulation.walks import WalkParams, simulate_walk
@@ -37,13 +39,13 @@ def exporter_of():
 
 @pytest.fixture(scope="session")
 def model_of(exporter_of, tmp_path_factory):
-    """The file of a method's exported localizer."""
-    folder = tmp_path_factory.mktemp("models")
+    """The file of a method's exported localizer, made once for all worker processes."""
 
     def make(name):
-        path = folder / f"{name}.onnx"
-        if not path.exists():
-            path.write_bytes(exporter_of(name).export().content)
+        with shared_folder(tmp_path_factory, name) as folder:
+            path = folder / f"{name}.onnx"
+            if not path.exists():
+                write_atomically(path, exporter_of(name).export().content)
         return path
 
     return make

@@ -144,14 +144,19 @@ def test_the_split_pair_equals_the_whole(name, model_of, exporter_of, tmp_path, 
         OnnxLocalizer(tmp_path / "apr.onnx")
 
 
-@pytest.mark.parametrize(("precision", "share"), [("fp16w", 0.55), ("int8w", 0.35)])
-def test_smaller_weights(precision, share, exporter_of):
+@pytest.fixture(scope="module")
+def wide(exporter_of):
+    """An exporter whose network has many weights; it traces once for all precisions."""
     from tests.export.networks import TinySpec, WideNetwork
 
     from vioapr.export.exporter import Exporter
 
     base = exporter_of("vio-apr")
-    wide = Exporter(WideNetwork().eval(), TinySpec(), base.fusion.method, base.fusion.params)
+    return Exporter(WideNetwork().eval(), TinySpec(), base.fusion.method, base.fusion.params)
+
+
+@pytest.mark.parametrize(("precision", "share"), [("fp16w", 0.55), ("int8w", 0.35)])
+def test_smaller_weights(precision, share, wide):
     plain, small = wide.export_split()[0], wide.export_split(precision)[0]
     assert len(small.content) < share * len(plain.content)
     assert small.contract.precision == precision
@@ -165,14 +170,7 @@ def test_smaller_weights(precision, share, exporter_of):
     assert 0 < np.abs(poses[0] - poses[1]).max() < 0.05
 
 
-def test_static_quantization_keeps_the_pose(exporter_of):
-    from tests.export.networks import TinySpec, WideNetwork
-
-    from vioapr.export.exporter import Exporter
-
-    base = exporter_of("vio-apr")
-    wide = Exporter(WideNetwork().eval(), TinySpec(), base.fusion.method, base.fusion.params)
-
+def test_static_quantization_keeps_the_pose(wide):
     def calibration():
         return [wide.preprocess(torch.from_numpy(image)).numpy() for image in images(20)]
 

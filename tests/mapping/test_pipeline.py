@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import textwrap
 import numpy as np
 import pytest
 from PIL import Image
-from tests.room import QUICK
+from tests.room import QUICK, SMALL
 
 from vioapr.errors import FormatError, LockedError, MappingError
 from vioapr.formats.base import ReadOptions
@@ -121,9 +122,13 @@ def test_nothing_finished_is_done_again(mapped_room, copy_of):
         ("mapping (incremental)", 3, ["features", "matches", "near", "pruning"]),
     ],
 )
-def test_a_killed_run_resumes(room, copy_of, title, count, reused):
-    """Killed with no chance to tidy up; an earlier map stays."""
+def test_a_killed_run_resumes(room, mapped_room, copy_of, title, count, reused):
+    """Killed with no chance to tidy up; an earlier map stays. What came before is done."""
     scene = copy_of(room[0])
+    shutil.copytree(mapped_room[0].folder / ".mapping", scene.folder / ".mapping")
+    for marker in (scene.folder / ".mapping").glob("*.step.json"):
+        if marker.name.removesuffix(".step.json") not in reused:
+            marker.unlink()
     (scene.folder / "map").mkdir()
     (scene.folder / "map" / "old").write_text("earlier result")
     script = textwrap.dedent(
@@ -157,10 +162,10 @@ def test_a_killed_run_resumes(room, copy_of, title, count, reused):
     assert (scene.folder / "map" / "old").read_text() == "earlier result"  # a file of the user's
 
 
-def test_recordings_that_share_no_view(room, copy_of):
+def test_recordings_that_share_no_view(small_room, copy_of):
     rng = np.random.default_rng(5)
-    scene = copy_of(room[0])
-    other = walk_arc(8, 0, 8, 1.2, 1.5)
+    scene = copy_of(small_room[0])
+    other = walk_arc(SMALL, 0, 8, 1.2, 1.5)
     vio = track_without_drift(rng, other.target_from_source, tracking_world(10))
     scene = add_recording(scene, "elsewhere", "train", other, vio, textured_room(99), ROOM_CAMERA)
     with pytest.raises(MappingError, match=r"share no view: a, b \| elsewhere\. Record a walk"):
@@ -168,9 +173,9 @@ def test_recordings_that_share_no_view(room, copy_of):
     assert not (scene.folder / "map").exists()
     summary = map_scene(scene, MappingParams(**{**vars(QUICK), "allow_partial": True}))
     lost = summary.recordings["elsewhere"]
-    assert (lost.registered, len(lost.unregistered)) == (0, 8)
+    assert (lost.registered, len(lost.unregistered)) == (0, SMALL)
     assert scene.gt("elsewhere") is None
-    assert summary.recordings["b"].registered == 8
+    assert summary.recordings["b"].registered == SMALL
 
 
 def test_images_that_cannot_be_read_are_named(room, copy_of):
@@ -197,11 +202,11 @@ def spoil_tracking(scene, id_):
     path.write_text("\n".join([head, *(",".join(r) for r in lost)]) + "\n")
 
 
-def test_tracking_lost_throughout(mapped_room, copy_of):
-    scene = copy_of(mapped_room[0])
+def test_tracking_lost_throughout(small_room, copy_of):
+    scene = copy_of(small_room[0])
     spoil_tracking(scene, "a")
     summary = map_scene(scene, QUICK)  # b still knows scale and up
-    assert summary.recordings["a"].registered == 8
+    assert summary.recordings["a"].registered == SMALL
     assert [s.recording for s in summary.world.scales] == ["b"]
     before = (scene.map_folder / "map.json").read_bytes()
     spoil_tracking(scene, "b")
@@ -233,9 +238,9 @@ def test_an_empty_split_and_recordings_without_images(room, copy_of, tmp_path):
 
 
 @pytest.mark.parametrize("limit_kb", [40, 400])
-def test_a_full_disk_spares_what_was_there(room, copy_of, limit_kb):
+def test_a_full_disk_spares_what_was_there(small_room, copy_of, limit_kb):
     """Files that cannot grow beyond a limit stand in for a full disk."""
-    scene = copy_of(room[0])
+    scene = copy_of(small_room[0])
     (scene.folder / "map").mkdir()
     (scene.folder / "map" / "old").write_text("earlier result")
     script = textwrap.dedent(
@@ -257,4 +262,4 @@ def test_a_full_disk_spares_what_was_there(room, copy_of, limit_kb):
     assert b"clear message" in done.stdout, done.stderr.decode()
     assert (scene.folder / "map" / "old").read_text() == "earlier result"
     summary = map_scene(scene, QUICK)
-    assert summary.recordings["t"].registered == 4
+    assert summary.recordings["t"].registered == SMALL // 2

@@ -15,9 +15,12 @@ REPOSITORY = Path(__file__).parents[2]
 def clean_python(tmp_path_factory):
     """A new environment with the package, built as a user gets it, and its extra `runtime`."""
     folder = tmp_path_factory.mktemp("clean") / "venv"
-    subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=120)
+    # This environment's pip installs into it, and compiles nothing that is not imported.
+    create = [sys.executable, "-m", "venv", "--without-pip", folder]
+    subprocess.run(create, check=True, timeout=120)
     python = folder / "bin" / "python"
-    install = [python, "-m", "pip", "install", "--quiet", f"{REPOSITORY}[runtime]"]
+    install = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet"]
+    install += ["--no-compile", f"{REPOSITORY}[runtime]"]
     done = subprocess.run(install, capture_output=True, text=True, timeout=600)
     if done.returncode and "No matching distribution" in done.stderr:
         pytest.skip(f"packages cannot be installed here: {done.stderr.splitlines()[-1]}")

@@ -181,8 +181,15 @@ def add_recording(
     return scene
 
 
-def make_room_scene(folder: Path, seed: int = 0) -> tuple[Scene, dict[str, Trajectory]]:
+def make_room_scene(
+    folder: Path, seed: int = 0, images: int = 8
+) -> tuple[Scene, dict[str, Trajectory]]:
     """Record two training walks and a test walk in the textured room, to be mapped.
+
+    Args:
+        folder: The scene's.
+        seed: Of the room and the trackers' errors.
+        images: Of each training walk; the test walk has half of them.
 
     Returns:
         The scene, without ground truth, and the true poses of its recordings by id. Each
@@ -192,9 +199,9 @@ def make_room_scene(folder: Path, seed: int = 0) -> tuple[Scene, dict[str, Traje
     room = textured_room(seed)
     scene = Scene.create(folder, "Room", is_outdoor=False)
     walks = {
-        "a": ("train", walk_arc(8, 0, 10, 1.2, 1.5), tracking_world(30, 1.01)),
-        "b": ("train", walk_arc(8, 30, 10, 1.6, 1.2), tracking_world(-100, 0.99)),
-        "t": ("test", walk_arc(4, 25, 12, 1.4, 1.4), tracking_world(170)),
+        "a": ("train", walk_arc(images, 0, 10, 1.2, 1.5), tracking_world(30, 1.01)),
+        "b": ("train", walk_arc(images, 30, 10, 1.6, 1.2), tracking_world(-100, 0.99)),
+        "t": ("test", walk_arc(images // 2, 25, 12, 1.4, 1.4), tracking_world(170)),
     }
     for id_, (split, gt, vio_from_world) in walks.items():
         vio = track_without_drift(rng, gt.target_from_source, vio_from_world)
