@@ -32,19 +32,34 @@ def samples(tmp_path_factory):
     return load_samples([scene], split_frames([scene], "train"), 36)
 
 
+def run_in(folder, samples, **values):
+    """A run of 4 steps an epoch, with dropout, whose state is kept after every step."""
+    run_spec = spec(dropout=0.5)
+    run_params = params(**{"batch_size": 8, "checkpoint_minutes": 0.0, **values})
+    torch.manual_seed(run_params.seed)
+    network = build(run_spec)
+    set_units(network, samples)
+    return Run(run_spec, network, samples, None, folder, run_params)
+
+
 @pytest.fixture
 def make_run(samples, tmp_path):
-    """A run of 4 steps an epoch, with dropout, whose state is kept after every step."""
-
     def make(name="run", **values):
-        run_spec = spec(dropout=0.5)
-        run_params = params(**{"batch_size": 8, "checkpoint_minutes": 0.0, **values})
-        torch.manual_seed(run_params.seed)
-        network = build(run_spec)
-        set_units(network, samples)
-        return Run(run_spec, network, samples, None, tmp_path / name, run_params)
+        return run_in(tmp_path / name, samples, **values)
 
     return make
+
+
+TWO_STAGES = {"epochs": 2, "schedule": "cosine", "position_stage": PositionStageParams(1)}
+
+
+@pytest.fixture(scope="module")
+def whole(samples, tmp_path_factory):
+    """A run of two stages that nothing stopped."""
+    run = run_in(tmp_path_factory.mktemp("whole") / "run", samples, **TWO_STAGES)
+    torch.set_num_threads(1)  # as in the tests: sums of more threads differ in their last bits
+    train(run)
+    return run
 
 
 def stopping_at(run, step, stop):
@@ -78,11 +93,9 @@ def assert_same_result(one, other):
 
 
 @pytest.mark.parametrize("stopped_at", [2, 3, 4, 6, 10])
-def test_an_epoch_goes_on_where_it_was(make_run, stopped_at):
+def test_an_epoch_goes_on_where_it_was(whole, make_run, stopped_at):
     """Also twice, and in the second stage: step 10 is of the third epoch."""
-    values = {"epochs": 2, "schedule": "cosine", "position_stage": PositionStageParams(1)}
-    whole = make_run("whole", **values)
-    train(whole)
+    values = TWO_STAGES
     with pytest.raises(KeyboardInterrupt):
         train(stopping_at(make_run(**values), stopped_at, interrupt))
     begun = state_of(make_run())[1].begun
