@@ -96,6 +96,9 @@ def constant(values: ArrayLike, like: ArrayT) -> ArrayT:
     """`values` as an array with the namespace, dtype and device of `like`."""
     xp = namespace(like)
     if xp is array_api_compat.numpy:
+        # Most constants are doubles already, and asking costs as much as a product.
+        if isinstance(values, np.ndarray) and values.dtype == like.dtype:
+            return cast("ArrayT", values)
         return xp.asarray(values, dtype=like.dtype)
     return xp.asarray(np.asarray(values).tolist(), dtype=like.dtype, device=_device(like))
 

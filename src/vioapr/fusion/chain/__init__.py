@@ -1,0 +1,1 @@
+"""Method `chain`: where the tracking world lies in the map, smoothed as a random walk."""

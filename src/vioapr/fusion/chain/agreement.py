@@ -1,0 +1,148 @@
+"""Whether predictions and motion belong together: is the user where the map is at all?
+
+Outside the map a regressor still answers: anything, always the same, or motion at a fraction of
+its size. A camera that is turned against the tracker's predicts motion about wrong axes. In all
+of these cases predictions may agree well enough with one another. What they have in common is
+that they do not tell of the motion that the tracker has seen.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from vioapr.fusion.chain.columns import since
+from vioapr.fusion.chain.hypotheses import Hypotheses
+from vioapr.fusion.chain.sums import row_sum, squared_length, total, typical_of
+from vioapr.fusion.chain.window import Window
+from vioapr.geometry.arrays import Array, constant, namespace, zeros
+
+_LEAST_WAY_M, _LEAST_WAY_PER_M = 0.5, 4.0
+"""Ways over which the slope is judged: this long, and so many times the scatter."""
+
+_SLOPE_MEMORY = 0.1
+"""Least weight of a new prediction in the running mean of the slope."""
+
+_SLOPE_LIMITS = (-1.0, 3.0)
+
+_ROLL_RAD = 0.1
+"""Typical error of a relative rotation, when those of four rolls are compared."""
+
+_ROLL_MEMORY = 0.05
+"""Weight of a new prediction in the running mean over rolls."""
+
+_LEAST_TURN2 = 0.03
+"""Squared sine of half a turn that tells rolls apart well: about 20 degrees."""
+
+_ROLL_LEAD = 0.2
+"""By how much more a roll has to explain to be believed."""
+
+_BAD_AGREEMENT, _GOOD_AGREEMENT = 0.15, 0.3
+_BAD_SLOPE, _GOOD_SLOPE = 0.45, 0.6
+_BAD_SCATTER2 = 0.07
+"""Squared scatter of orientation beyond what a regressor that is of use can have, rad^2."""
+
+
+class Agreement(NamedTuple):
+    """What is remembered of it.
+
+    Attributes:
+        beyond: By how much the typical squares exceed what a regressor may err by, rad^2 and
+            m^2, shape (..., 2, 1).
+        surprise: Running mean of the squared distances of predictions from what was expected,
+            rad^2 and m^2, shape (..., 2, 1).
+        rolls: Share of relative rotations that fit if the camera is turned about its axis by
+            0, 90, 180 and 270 degrees against the tracker's, shape (..., 4, 1).
+        is_here: 1 or 0, with hysteresis, shape (..., 1, 1).
+    """
+
+    beyond: Array
+    surprise: Array
+    rolls: Array
+    is_here: Array
+
+
+def no_agreement(batch_shape: tuple[int, ...], like: Array) -> Agreement:
+    """Before the first prediction."""
+
+    def nothing(rows: int) -> Array:
+        return zeros((*batch_shape, rows, 1), like)
+
+    return Agreement(nothing(2), nothing(2), nothing(4), nothing(1) + 1.0)
+
+
+def compare_motion(
+    hypotheses: Hypotheses, window: Window, ways_m: Array, scatter_m: Array, newness: Array
+) -> Hypotheses:
+    """With the slope of predicted on tracked motion, from the newest to the older predictions.
+
+    Args:
+        hypotheses: Both.
+        window: Past predictions.
+        ways_m: The tracker's ways since, in the world, shape (..., 2, 3, n).
+        scatter_m: Typical residual per axis, shape (..., 1, 1).
+        newness: Share of the newest prediction that is new, shape (..., 1, 1).
+    """
+    xp = namespace(ways_m)
+    way2 = squared_length(ways_m)
+    least = (_LEAST_WAY_M + _LEAST_WAY_PER_M * scatter_m)[..., None, :, :]
+    counts = window.is_valid[..., None, :, :] * xp.astype(way2 > least * least, way2.dtype)
+    predicted = (window.place_m[..., :1] - window.place_m)[..., None, :, :]
+    ratio = row_sum(predicted * ways_m) / xp.maximum(way2, 1e-6)
+    ratio = xp.minimum(xp.maximum(ratio, _SLOPE_LIMITS[0]), _SLOPE_LIMITS[1])
+    typical = typical_of(counts)
+    new = xp.where(typical.is_few, 0.0, newness[..., None, :, :])
+    lessons = hypotheses.lessons + new
+    rate = new * xp.maximum(1 / (1 + lessons), _SLOPE_MEMORY)
+    slope = hypotheses.slope + rate * (typical.median(ratio) - hypotheses.slope)
+    return hypotheses._replace(slope=slope, lessons=lessons)
+
+
+def compare_rolls(window: Window) -> Array:
+    """How well rotations since the older predictions fit the tracker's, for four rolls.
+
+    A camera that is turned about its axis sees the tracker's turn v as r^-1 v r. Shape
+    (..., 4, 1), 0 to 1.
+    """
+    xp = namespace(window.rows)
+    apr = since(window.apr_turn, window.apr_turn[..., :1])
+    vio = since(window.vio_turn, window.vio_turn[..., :1])
+    products = apr * vio
+    along = products[..., 2:3, :] + products[..., 3:, :]
+    across = products[..., :1, :] + products[..., 1:2, :]
+    crossed = apr[..., :1, :] * vio[..., 1:2, :] - apr[..., 1:2, :] * vio[..., :1, :]
+    cosines = xp.concat([along + across, along + crossed, along - across, along - crossed], axis=-2)
+    gaps2 = xp.maximum(4 * (1 - cosines * cosines), 0.0)
+    tilting = vio[..., :1, :] * vio[..., :1, :] + vio[..., 1:2, :] * vio[..., 1:2, :]
+    weight = window.is_valid * xp.minimum(tilting / _LEAST_TURN2, 1.0)
+    weight = weight * constant(_older(weight.shape[-1]), weight)
+    return total(weight / (1 + gaps2 / (3 * _ROLL_RAD**2))) / xp.maximum(total(weight), 1.0)
+
+
+@cache
+def _older(count: int) -> np.ndarray:
+    return (np.arange(count) > 0) * 1.0
+
+
+def judge(agreement: Agreement, hypotheses: Hypotheses, rolls: Array, newness: Array) -> Agreement:
+    """With a prediction: whether the user is where the map is.
+
+    Args:
+        agreement: Of before, with the newest scatter beyond limits and surprise.
+        hypotheses: With the newest slope.
+        rolls: Of `compare_rolls`.
+        newness: Share of the newest prediction that is new, shape (..., 1, 1).
+    """
+    xp = namespace(rolls)
+    mean = agreement.rolls + _ROLL_MEMORY * newness * (rolls - agreement.rolls)
+    turned = xp.max(mean[..., 1:, :], axis=-2, keepdims=True) - mean[..., :1, :]
+    fit, slope = hypotheses.agreement[..., 0, :, :], hypotheses.slope[..., 0, :, :]
+    scatter2 = agreement.beyond[..., :1, :]
+    is_bad = (fit < _BAD_AGREEMENT) | (slope < _BAD_SLOPE) | (scatter2 > _BAD_SCATTER2)
+    is_good = (fit > _GOOD_AGREEMENT) & (slope > _GOOD_SLOPE) & (scatter2 <= 0)
+    is_bad = is_bad | (turned > _ROLL_LEAD)
+    is_good = is_good & (turned < _ROLL_LEAD / 2)
+    is_here = xp.where(is_bad, 0.0, xp.where(is_good, 1.0, agreement.is_here))
+    return agreement._replace(rolls=mean, is_here=is_here)
