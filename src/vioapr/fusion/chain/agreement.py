@@ -75,15 +75,17 @@ def no_agreement(batch_shape: tuple[int, ...], like: Array) -> Agreement:
 
 def compare_motion(
     hypotheses: Hypotheses, window: Window, ways_m: Array, scatter_m: Array, newness: Array
-) -> Hypotheses:
-    """With the slope of predicted on tracked motion, from the newest to the older predictions.
+) -> tuple[Array, Array]:
+    """The slope of predicted on tracked motion, and its lessons, shapes (..., 2, 1, 1).
+
+    It is that of the newest prediction against the older ones: their median.
 
     Args:
-        hypotheses: Both.
+        hypotheses: Both, as of before.
         window: Past predictions.
         ways_m: The tracker's ways since, in the world, shape (..., 2, 3, n).
         scatter_m: Typical residual per axis, shape (..., 1, 1).
-        newness: Share of the newest prediction that is new, shape (..., 1, 1).
+        newness: Share of the newest prediction that is new, shape (..., 1, 1, 1).
     """
     xp = namespace(ways_m)
     way2 = squared_length(ways_m)
@@ -93,11 +95,11 @@ def compare_motion(
     ratio = row_sum(predicted * ways_m) / xp.maximum(way2, 1e-6)
     ratio = xp.minimum(xp.maximum(ratio, _SLOPE_LIMITS[0]), _SLOPE_LIMITS[1])
     typical = typical_of(counts)
-    new = xp.where(typical.is_few, 0.0, newness[..., None, :, :])
+    new = xp.where(typical.is_few, 0.0, newness)
     lessons = hypotheses.lessons + new
     rate = new * xp.maximum(1 / (1 + lessons), _SLOPE_MEMORY)
     slope = hypotheses.slope + rate * (typical.median(ratio) - hypotheses.slope)
-    return hypotheses._replace(slope=slope, lessons=lessons)
+    return slope, lessons
 
 
 def compare_rolls(window: Window) -> Array:
@@ -107,18 +109,31 @@ def compare_rolls(window: Window) -> Array:
     (..., 4, 1), 0 to 1.
     """
     xp = namespace(window.rows)
-    apr = since(window.apr_turn, window.apr_turn[..., :1])
-    vio = since(window.vio_turn, window.vio_turn[..., :1])
-    products = apr * vio
-    along = products[..., 2:3, :] + products[..., 3:, :]
-    across = products[..., :1, :] + products[..., 1:2, :]
+    turns = window.turns
+    moved = since(turns, turns[..., :1])
+    apr, vio = moved[..., 0, :, :], moved[..., 1, :, :]
     crossed = apr[..., :1, :] * vio[..., 1:2, :] - apr[..., 1:2, :] * vio[..., :1, :]
-    cosines = xp.concat([along + across, along + crossed, along - across, along - crossed], axis=-2)
+    products = xp.concat([apr * vio, crossed, vio * vio], axis=-2)
+    terms = constant(_ROLL_TERMS, products) @ products
+    cosines, tilting = terms[..., :4, :], terms[..., 4:, :]
     gaps2 = xp.maximum(4 * (1 - cosines * cosines), 0.0)
-    tilting = vio[..., :1, :] * vio[..., :1, :] + vio[..., 1:2, :] * vio[..., 1:2, :]
     weight = window.is_valid * xp.minimum(tilting / _LEAST_TURN2, 1.0)
     weight = weight * constant(_older(weight.shape[-1]), weight)
     return total(weight / (1 + gaps2 / (3 * _ROLL_RAD**2))) / xp.maximum(total(weight), 1.0)
+
+
+_ROLL_TERMS = np.array(
+    [
+        [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+        [-1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0],
+    ]
+)
+"""Scalar products of the two rotations' quaternions for four rolls, and how far the tracker
+turned about other axes than the camera's; from products of x, y, z, w, the cross product in the
+image, and squares of x, y, z, w."""
 
 
 @cache
@@ -126,23 +141,25 @@ def _older(count: int) -> np.ndarray:
     return (np.arange(count) > 0) * 1.0
 
 
-def judge(agreement: Agreement, hypotheses: Hypotheses, rolls: Array, newness: Array) -> Agreement:
+def judge(
+    agreement: Agreement, leading: Array, slope: Array, rolls: Array, newness: Array
+) -> Agreement:
     """With a prediction: whether the user is where the map is.
 
     Args:
         agreement: Of before, with the newest scatter beyond limits and surprise.
-        hypotheses: With the newest slope.
+        leading: How well predictions fit the leading hypothesis, shape (..., 1, 1).
+        slope: Of predicted on tracked motion, shape (..., 1, 1).
         rolls: Of `compare_rolls`.
         newness: Share of the newest prediction that is new, shape (..., 1, 1).
     """
     xp = namespace(rolls)
     mean = agreement.rolls + _ROLL_MEMORY * newness * (rolls - agreement.rolls)
     turned = xp.max(mean[..., 1:, :], axis=-2, keepdims=True) - mean[..., :1, :]
-    fit, slope = hypotheses.agreement[..., 0, :, :], hypotheses.slope[..., 0, :, :]
     scatter2 = agreement.beyond[..., :1, :]
-    is_bad = (fit < _BAD_AGREEMENT) | (slope < _BAD_SLOPE) | (scatter2 > _BAD_SCATTER2)
-    is_good = (fit > _GOOD_AGREEMENT) & (slope > _GOOD_SLOPE) & (scatter2 <= 0)
-    is_bad = is_bad | (turned > _ROLL_LEAD)
-    is_good = is_good & (turned < _ROLL_LEAD / 2)
+    is_bad = (leading < _BAD_AGREEMENT) | (slope < _BAD_SLOPE)
+    is_bad = is_bad | (scatter2 > _BAD_SCATTER2) | (turned > _ROLL_LEAD)
+    is_good = (leading > _GOOD_AGREEMENT) & (slope > _GOOD_SLOPE)
+    is_good = is_good & (scatter2 <= 0) & (turned < _ROLL_LEAD / 2)
     is_here = xp.where(is_bad, 0.0, xp.where(is_good, 1.0, agreement.is_here))
     return agreement._replace(rolls=mean, is_here=is_here)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from vioapr.fusion.chain.agreement import Agreement
-from vioapr.fusion.chain.columns import column, product, rotation_matrix, turns_from, y_up_turn
+from vioapr.fusion.chain.columns import column, product, turns_from, y_up_turn
 from vioapr.fusion.chain.hypotheses import Hypotheses
 from vioapr.fusion.chain.params import ChainParams
-from vioapr.fusion.chain.smoothing import Drift
 from vioapr.fusion.chain.sums import largest_of_three, squared_lengths, to_axes
 from vioapr.fusion.types import Estimate, FrameInput, Status
 from vioapr.geometry.arrays import Array, Mask, constant, namespace
@@ -26,9 +25,10 @@ def variances_of(
     hypotheses: Hypotheses,
     agreement: Agreement,
     noise: Array,
-    drift: Drift,
+    drift: Array,
     since: Array,
     moved_m: Array,
+    places_m: Array,
 ) -> Array:
     """Of the leading pose about and along the six axes, rad^2 and m^2, shape (..., 6, 1).
 
@@ -36,18 +36,22 @@ def variances_of(
         hypotheses: Both.
         agreement: Of predictions and motion.
         noise: Typical error of a prediction, rad and m, shape (..., 2, 1).
-        drift: That is to be expected.
+        drift: That is to be expected in a metre, rad^2 and m^2, shape (..., 2, 1).
         since: What the odometer has read since the last prediction, shape (..., 3, 1).
         moved_m: The tracker's way since, shape (..., 3, 1).
+        places_m: Where both hypotheses have the camera, shape (..., 2, 3, 1).
     """
     xp = namespace(noise)
-    rates = xp.concat([drift.heading, drift.position], axis=-2)
-    growth = rates * since[..., :1, :] + since[..., 1:, :]
+    growth = drift * since[..., :1, :] + since[..., 1:, :]
     # Of two that compete, either may be right.
     lead = hypotheses.evidence[..., 1, :, :] - hypotheses.evidence[..., 0, :, :]
     odds = xp.exp(xp.minimum(lead / 2, 0.0))
     odds = odds * xp.astype(hypotheses.evidence[..., 1, :, :] > 0.5, odds.dtype)
-    apart = squared_lengths(_gap(hypotheses, moved_m)) / 3
+    turns = turns_from(
+        hypotheses.world_from_vio[..., 1, :, :], hypotheses.world_from_vio[..., 0, :, :]
+    )
+    gap = xp.concat([turns, places_m[..., 1, :, :] - places_m[..., 0, :, :]], axis=-2)
+    apart = squared_lengths(gap) / 3
     # And what predictions deny is as wrong as they say.
     denied = 1 - hypotheses.agreement[..., 0, :, :]
     doubt = denied * denied * denied * agreement.surprise / 3 + odds / (1 + odds) * apart
@@ -60,46 +64,36 @@ def variances_of(
 _OF_POSITION = np.array([[0.0]] * 3 + [[1.0]] * 3)
 
 
-def _gap(hypotheses: Hypotheses, moved_m: Array) -> Array:
-    """From the leading to the other hypothesis, rad and m, shape (..., 6, 1)."""
-    xp = namespace(moved_m)
-    places = hypotheses.carry(moved_m)
-    leader, other = hypotheses.world_from_vio[..., 0, :, :], hypotheses.world_from_vio[..., 1, :, :]
-    return xp.concat(
-        [turns_from(other, leader), places[..., 1, :, :] - places[..., 0, :, :]], axis=-2
-    )
-
-
 def answer(
     params: ChainParams,
-    hypotheses: Hypotheses,
+    turn: Array,
+    matrix: Array,
+    position_m: Array,
     variances: Array,
     noise: Array,
     is_placed: Mask,
     is_used: Mask,
     vio_from_cam: Array,
-    vio_place_m: Array,
     frame: FrameInput,
 ) -> Estimate:
     """The leading hypothesis, carried on by VIO; without tracking, the raw prediction.
 
     Args:
         params: Of the method.
-        hypotheses: Both.
+        turn: The leading world_from_vio, shape (..., 4, 1).
+        matrix: The same rotation, shape (..., 3, 3).
+        position_m: Where it has the camera, shape (..., 3, 1).
         variances: See `variances_of`.
         noise: Typical error of a prediction, rad and m, shape (..., 2, 1).
         is_placed: Whether there is an answer, shape (...).
         is_used: Whether this frame's prediction was used for it, shape (...).
         vio_from_cam: The tracker's pose, z up, as a column.
-        vio_place_m: Where the tracker was at the last prediction, shape (..., 3, 1).
         frame: As it came in.
     """
     xp = namespace(noise)
-    turn, place = hypotheses.world_from_vio[..., 0, :, :], hypotheses.place_m[..., 0, :, :]
-    matrix = rotation_matrix(turn)
-    position = place + matrix @ (vio_from_cam[..., :3, :] - vio_place_m)
-    pose = xp.concat([position, product(turn, vio_from_cam[..., 3:, :])], axis=-2)
-    world = xp.concat([place - matrix @ vio_place_m, y_up_turn(turn)], axis=-2)
+    pose = xp.concat([position_m, product(turn, vio_from_cam[..., 3:, :])], axis=-2)
+    origin_m = position_m - matrix @ vio_from_cam[..., :3, :]
+    world = xp.concat([origin_m, y_up_turn(turn)], axis=-2)
     is_raw = frame.has_apr & ~frame.tracking_ok
     placed, raw = is_placed[..., None, None], is_raw[..., None, None]
     apr = xp.where(raw, column(frame.apr_world_from_cam), np.nan)

@@ -13,14 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vioapr.fusion.chain.columns import rotation_matrix, turned, turns_from
+from vioapr.fusion.chain.columns import rotation_matrix, turns_from
 from vioapr.fusion.chain.sums import largest, squared_lengths
-from vioapr.fusion.chain.window import pushed
 from vioapr.geometry.arrays import Array, Mask, constant, holds_nowhere, namespace, zeros
 from vioapr.geometry.tree import tree_map
 
-_LEADS = np.array([1.0, 0.0])[:, None, None]
-_CHALLENGES = 1 - _LEADS
+CHALLENGES = np.array([0.0, 1.0])[:, None, None]
+"""Which of the two does not lead, shape (2, 1, 1)."""
 
 MOST_EVIDENCE = 8.0
 """Evidence is bounded, so that what was long right can be left: after about this many
@@ -41,165 +40,170 @@ _SAME = 0.25
 _AGREEMENT_MEMORY = 0.1
 """Weight of a new prediction in the mean of how well predictions fit."""
 
+_FIRST_AGREEMENT = 0.5
+
+_TURN, _PLACE, _PRECISION = slice(0, 4), slice(4, 7), slice(7, 13)
+_DEPTH, _EVIDENCE, _AGREEMENT = slice(13, 14), slice(14, 15), slice(15, 16)
+_SLOPE, _LESSONS = slice(16, 17), slice(17, 18)
+_ROWS = 18
+_IDENTITY = np.array([[0.0], [0.0], [0.0], [1.0]])
+
 
 class Hypotheses(NamedTuple):
     """Both, as of the last prediction; leading one first along the axis before the last two.
 
     Attributes:
-        world_from_vio: Rotation as quaternion xyzw, shape (..., 2, 4, 1).
-        place_m: Where the camera was, in the world, shape (..., 2, 3, 1).
-        path: How each prediction's frame lies about that, as smoothed: rotation vectors about
-            the world's axes, rad, and positions as carried to the newest by VIO, m, shape
+        rows: Shape (..., 2, 18, 1): see the properties.
+        path: How each prediction's frame lies about the newest, as smoothed: rotation vectors
+            about the world's axes, rad, and positions as carried to the newest by VIO, m, shape
             (..., 2, 6, n).
-        precision: Of the newest along the six axes, 1/rad^2 and 1/m^2, shape (..., 2, 6, 1).
-        depth_m: Distance of what the regressor looks at, shape (..., 2, 1, 1).
-        evidence: Shape (..., 2, 1, 1).
-        agreement: Running mean of how well predictions fit, 0 to 1, shape (..., 2, 1, 1).
-        slope: Predicted motion over the tracker's, shape (..., 2, 1, 1).
-        lessons: How many predictions of new views the slope rests on, shape (..., 2, 1, 1).
     """
 
-    world_from_vio: Array
-    place_m: Array
+    rows: Array
     path: Array
-    precision: Array
-    depth_m: Array
-    evidence: Array
-    agreement: Array
-    slope: Array
-    lessons: Array
 
-    def carry(self, moved_m: Array) -> Array:
-        """The camera's places, after the tracker has moved, shape (..., 2, 3, 1)."""
-        return self.place_m + rotation_matrix(self.world_from_vio) @ moved_m[..., None, :, :]
+    @property
+    def world_from_vio(self) -> Array:
+        """Rotation as quaternion xyzw, shape (..., 2, 4, 1)."""
+        return self.rows[..., _TURN, :]
 
-    def push(self, place_m: Array, moves: Array) -> Hypotheses:
-        """With a new newest frame, that no prediction has corrected yet.
+    @property
+    def place_m(self) -> Array:
+        """Where the camera was, in the world, shape (..., 2, 3, 1)."""
+        return self.rows[..., _PLACE, :]
 
-        Args:
-            place_m: Of `carry`.
-            moves: See `Window.moving`.
-        """
-        first = namespace(place_m).zeros_like(self.path[..., :1])
-        path = pushed(self.path, first, moves[..., None, :, :])
-        return self._replace(place_m=place_m, path=path)
+    @property
+    def precision(self) -> Array:
+        """Of the newest frame along the six axes, 1/rad^2 and 1/m^2, shape (..., 2, 6, 1)."""
+        return self.rows[..., _PRECISION, :]
 
-    def weigh(self, fit: Array, newness: Array) -> Hypotheses:
-        """With a prediction's evidence.
+    @property
+    def depth_m(self) -> Array:
+        """Distance of what the regressor looks at, shape (..., 2, 1, 1)."""
+        return self.rows[..., _DEPTH, :]
+
+    @property
+    def evidence(self) -> Array:
+        """For each, at least 0, shape (..., 2, 1, 1)."""
+        return self.rows[..., _EVIDENCE, :]
+
+    @property
+    def agreement(self) -> Array:
+        """Running mean of how well predictions fit, 0 to 1, shape (..., 2, 1, 1)."""
+        return self.rows[..., _AGREEMENT, :]
+
+    @property
+    def slope(self) -> Array:
+        """Predicted motion over the tracker's, shape (..., 2, 1, 1)."""
+        return self.rows[..., _SLOPE, :]
+
+    @property
+    def lessons(self) -> Array:
+        """How many predictions of new views the slope rests on, shape (..., 2, 1, 1)."""
+        return self.rows[..., _LESSONS, :]
+
+    @property
+    def matrices(self) -> Array:
+        """Rotations of world_from_vio, shape (..., 2, 3, 3)."""
+        return rotation_matrix(self.world_from_vio)
+
+    def support(self, fit: Array, newness: Array) -> tuple[Array, Array]:
+        """Evidence and agreement with a prediction, shapes (..., 2, 1, 1).
 
         Args:
             fit: How well it fits, 0 to 1, shape (..., 2, 1, 1).
-            newness: Share of it that is new, as views share their bias, shape (..., 1, 1).
+            newness: Share of it that is new, as views share their bias, shape (..., 1, 1, 1).
         """
         xp = namespace(fit)
-        new = newness[..., None, :, :]
-        evidence = xp.minimum(self.evidence + new * (2 * fit - 1), MOST_EVIDENCE)
-        agreement = self.agreement + _AGREEMENT_MEMORY * new * (fit - self.agreement)
-        return self._replace(evidence=xp.maximum(evidence, 0.0), agreement=agreement)
+        evidence = xp.minimum(self.evidence + newness * (2 * fit - 1), MOST_EVIDENCE)
+        agreement = self.agreement + _AGREEMENT_MEMORY * newness * (fit - self.agreement)
+        return xp.maximum(evidence, 0.0), agreement
 
-    def challenge(self, fits: Mask, gates: Array, rotation: Array, place_m: Array) -> Hypotheses:
+    def bounded(self, most: Array) -> Hypotheses:
+        """With no more evidence than that, shape (..., 1, 1)."""
+        xp = namespace(self.rows)
+        less = xp.minimum(self.evidence, most[..., None, :, :])
+        parts = [self.rows[..., : _EVIDENCE.start, :], less, self.rows[..., _EVIDENCE.stop :, :]]
+        return self._replace(rows=xp.concat(parts, axis=-2))
+
+    def challenge(self, fits: Mask, gates: Array, first: Array) -> Hypotheses:
         """With a challenger that begins at the newest prediction, where one is needed.
 
         Args:
             fits: Whether that prediction fits, shape (..., 2, 1, 1).
             gates: Squared distances within which it would, rad^2 and m^2, shape (..., 2, 2, 1).
-            rotation: world_from_vio by that prediction, shape (..., 4, 1).
-            place_m: Its place, shape (..., 3, 1).
+            first: What a hypothesis is that begins there, see `beginning`.
         """
         xp = namespace(gates)
         leader, other = ((..., slice(k, k + 1), slice(None), slice(None)) for k in range(2))
-        gap = xp.concat(
-            [
-                turns_from(self.world_from_vio[other], self.world_from_vio[leader]),
-                self.place_m[other] - self.place_m[leader],
-            ],
-            axis=-2,
-        )
-        nearness = squared_lengths(gap) / gates[leader]
-        is_same = largest(nearness) < _SAME
+        turns = turns_from(self.world_from_vio[other], self.world_from_vio[leader])
+        gap = xp.concat([turns, self.place_m[other] - self.place_m[leader]], axis=-2)
+        is_same = largest(squared_lengths(gap) / gates[leader]) < _SAME
         is_weak = ~fits[other] & (self.evidence[other] <= _WEAK)
         begins = ~fits[leader] & (is_weak | is_same)
-        evidence = xp.where(is_same | begins, xp.astype(begins, gates.dtype), self.evidence[other])
-        here = self._replace(evidence=xp.concat([self.evidence[leader], evidence], axis=-3))
-        starts = begins & (constant(_CHALLENGES, gates) > 0)
-        return here.restarted(starts, rotation, place_m)
-
-    def restarted(self, starts: Mask, rotation: Array, place_m: Array) -> Hypotheses:
-        """Begun at a prediction where `starts` says so, shape (..., 2, 1, 1)."""
-        if holds_nowhere(starts):
-            return self
-        xp = namespace(place_m)
-        new = self._replace(
-            world_from_vio=rotation[..., None, :, :] + 0 * self.world_from_vio,
-            place_m=place_m[..., None, :, :] + 0 * self.place_m,
-            path=xp.zeros_like(self.path),
-            agreement=xp.zeros_like(self.agreement) + 0.5,
-            slope=xp.ones_like(self.slope),
-            lessons=xp.zeros_like(self.lessons),
-        )
-        return tree_map(lambda a, b: xp.where(starts, a, b), new, self)
+        # One of two that are the same is enough.
+        alone = constant(_NOT_ITS_EVIDENCE, gates) * xp.astype(is_same, gates.dtype)
+        kept = Hypotheses(self.rows * (1 - alone), self.path)
+        if holds_nowhere(begins):
+            return kept
+        starts = begins & (constant(CHALLENGES, gates) > 0)
+        begun = Hypotheses(first[..., None, :, :] + 0 * self.rows, xp.zeros_like(self.path))
+        return tree_map(lambda a, b: xp.where(starts, a, b), begun, kept)
 
     def overtake(self) -> tuple[Hypotheses, Mask]:
-        """In order of evidence; and whether the challenger leads now, shape (..., 1, 1)."""
-        xp = namespace(self.evidence)
-        lead = self.evidence[..., 1:, :, :] - self.evidence[..., :1, :, :]
-        swaps = lead > _LEAST_LEAD
+        """In order of evidence; and whether the challenger leads now, shape (..., 1, 1, 1)."""
+        xp = namespace(self.rows)
+        evidence = self.evidence
+        swaps = evidence[..., 1:, :, :] > evidence[..., :1, :, :] + _LEAST_LEAD
         if holds_nowhere(swaps):
-            return self, swaps[..., 0, :, :]
-        ordered = tree_map(lambda part: xp.where(swaps, xp.flip(part, axis=-3), part), self)
-        return ordered, swaps[..., 0, :, :]
+            return self, swaps
+        return tree_map(lambda part: xp.where(swaps, xp.flip(part, axis=-3), part), self), swaps
 
-    def corrected(self, path: Array, precision: Array, depth_m: Array) -> Hypotheses:
-        """About the newest frame as smoothed.
 
-        Args:
-            path: See `Hypotheses`, about the newest frame as it was.
-            precision: Of the newest, shape (..., 2, 6, 1).
-            depth_m: See `Hypotheses`.
-        """
-        newest = path[..., :1]
-        return self._replace(
-            world_from_vio=turned(self.world_from_vio, newest[..., :3, :]),
-            place_m=self.place_m + newest[..., 3:, :],
-            path=path - newest,
-            precision=precision,
-            depth_m=depth_m,
-        )
+def _not_its_evidence() -> np.ndarray:
+    rows = np.zeros((2, _ROWS, 1))
+    rows[1, _EVIDENCE] = 1.0
+    return rows
+
+
+_NOT_ITS_EVIDENCE = _not_its_evidence()
+
+
+def assemble(
+    world_from_vio: Array,
+    place_m: Array,
+    precision: Array,
+    depth_m: Array,
+    evidence: Array,
+    agreement: Array,
+    slope: Array,
+    lessons: Array,
+) -> Array:
+    """The rows of `Hypotheses`, of the shapes of its properties."""
+    parts = [world_from_vio, place_m, precision, depth_m, evidence, agreement, slope, lessons]
+    return namespace(place_m).concat(parts, axis=-2)
+
+
+def beginning(world_from_vio: Array, place_m: Array, precision: Array) -> Array:
+    """The rows of a hypothesis that begins at a prediction, shape (..., 18, 1).
+
+    Args:
+        world_from_vio: Rotation by that prediction, shape (..., 4, 1).
+        place_m: Its place, shape (..., 3, 1).
+        precision: Its own, shape (..., 6, 1).
+    """
+    xp = namespace(place_m)
+    nothing = xp.zeros_like(place_m[..., :1, :])
+    one = nothing + 1.0
+    rest = (nothing, one, nothing + _FIRST_AGREEMENT, one, nothing)
+    return assemble(world_from_vio, place_m, precision, *rest)
 
 
 def no_hypotheses(batch_shape: tuple[int, ...], count: int, like: Array) -> Hypotheses:
-    """Before the first prediction."""
-
-    def both(rows: int, columns: int = 1) -> Array:
-        return zeros((*batch_shape, 2, rows, columns), like)
-
-    identity = constant(np.array([[0.0], [0.0], [0.0], [1.0]]), like)
-    return Hypotheses(
-        both(4) + identity,
-        both(3),
-        both(6, count),
-        both(6) + 1.0,
-        both(1),
-        both(1) + constant(_LEADS, like),
-        both(1) + 0.5,
-        both(1) + 1.0,
-        both(1),
-    )
-
-
-def begun(hypotheses: Hypotheses, is_known: Mask, rotation: Array, place_m: Array) -> Hypotheses:
-    """Started at a prediction, where nothing was known before it.
-
-    Args:
-        hypotheses: Of before.
-        is_known: Shape (..., 1, 1).
-        rotation: world_from_vio by that prediction, shape (..., 4, 1).
-        place_m: Its place, shape (..., 3, 1).
-    """
-    xp = namespace(place_m)
-    starts = ~is_known[..., None, :, :]
-    if holds_nowhere(starts):
-        return hypotheses
-    begun = hypotheses.restarted(starts, rotation, place_m)
-    evidence = xp.where(starts, constant(_LEADS, place_m), begun.evidence)
-    return begun._replace(evidence=evidence)
+    """Before the first prediction: nothing speaks for either."""
+    place_m = zeros((*batch_shape, 3, 1), like)
+    identity = zeros((*batch_shape, 4, 1), like) + constant(_IDENTITY, like)
+    first = beginning(identity, place_m, zeros((*batch_shape, 6, 1), like) + 1.0)
+    rows = zeros((*batch_shape, 2, _ROWS, 1), like) + first[..., None, :, :]
+    path = zeros((*batch_shape, 2, 6, count), like)
+    return Hypotheses(rows, path).bounded(zeros((*batch_shape, 1, 1), like))

@@ -242,10 +242,8 @@ def _excess(values: Array, shares: Array, noise: Array, drifts: Array, ages: Arr
     """
     xp = namespace(values)
     expected = 3 * (noise * noise + drifts * ages[..., :1, :])
-    mean = xp.zeros_like(values[..., :1])
-    for _ in range(2):
-        weights = to_axes(shares / (expected + squared_lengths(values - mean)))
-        mean = total(weights * values) / xp.maximum(total(weights), 1e-12)
+    weights = to_axes(shares / (expected + squared_lengths(values)))
+    mean = total(weights * values) / xp.maximum(total(weights), 1e-12)
     outlying = squared_lengths(values - mean) / expected - _OUTLYING
     outlying = xp.maximum(outlying, 0.0)
     return outlying[..., :1, :] + outlying[..., 1:, :]

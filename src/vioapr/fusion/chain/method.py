@@ -6,40 +6,39 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vioapr.fusion.chain import agreement as agreement_of
-from vioapr.fusion.chain.agreement import Agreement, no_agreement
-from vioapr.fusion.chain.columns import column, turns_from, z_up_column
+from vioapr.fusion.chain.agreement import (
+    Agreement,
+    compare_motion,
+    compare_rolls,
+    judge,
+    no_agreement,
+)
+from vioapr.fusion.chain.columns import column, turned, turns_from, z_up_column
 from vioapr.fusion.chain.estimate import answer, variances_of
 from vioapr.fusion.chain.hypotheses import (
     EVIDENCE_AFTER_LOSS,
+    MOST_EVIDENCE,
     Hypotheses,
-    begun,
+    assemble,
+    beginning,
     no_hypotheses,
 )
 from vioapr.fusion.chain.learning import Lesson, Trust, learn, no_trust_yet
 from vioapr.fusion.chain.odometer import Odometer, new_odometer
 from vioapr.fusion.chain.params import ChainParams
-from vioapr.fusion.chain.smoothing import (
-    Drift,
-    knows_up,
-    levelled,
-    look_at_depth,
-    residuals_of,
-    smoothed,
-    step_variances,
-    weights_of,
-)
+from vioapr.fusion.chain.residuals import residuals_of
+from vioapr.fusion.chain.smoothing import Problem, Solution, solve
 from vioapr.fusion.chain.stated import Usual, nothing_usual
-from vioapr.fusion.chain.sums import (
-    largest,
-    largest_of_three,
-    row_sum,
-    squared_lengths,
-    total,
-    typical_of,
-)
+from vioapr.fusion.chain.sums import largest, largest_of_three, squared_lengths, to_axes, total
 from vioapr.fusion.chain.views import VIEW_RAD, view_kernel, view_length_m, view_shares
-from vioapr.fusion.chain.window import RECENT, Window, empty_window, new_prediction
+from vioapr.fusion.chain.window import (
+    RECENT,
+    Window,
+    empty_window,
+    is_among_newest,
+    new_prediction,
+    pushed,
+)
 from vioapr.fusion.types import Estimate, FrameInput, Method
 from vioapr.geometry.arrays import (
     Array,
@@ -49,7 +48,6 @@ from vioapr.geometry.arrays import (
     holds_nowhere,
     namespace,
     select,
-    zeros,
 )
 
 _NOVELTY = 0.8
@@ -64,16 +62,8 @@ _GATE = 3.0
 _LEAST_GATE = np.array([[np.deg2rad(10.0)], [1.0]])
 """And at least so far, rad and m: what is nearer hurts nobody."""
 
-_SCATTER_LIMITS2 = np.array([[0.0035, 0.26], [0.005, 4.0]]) ** 2
-"""Within which regressors err per axis, rad^2 and m^2."""
-
-_MEDIAN_CHI2 = 2.366
-"""Median of the chi-squared distribution with three degrees of freedom."""
-
 _SURPRISE_MEMORY = 0.1
 """Weight of a new prediction in the running mean of squared surprises."""
-
-_CHALLENGES = np.array([0.0, 1.0])[:, None, None]
 
 
 class ChainState(NamedTuple):
@@ -86,9 +76,6 @@ class ChainState(NamedTuple):
         hypotheses: The leading one, and its challenger.
         agreement: Whether predictions and motion belong together.
         usual: What the regressor usually states of its errors.
-        is_known: Whether there is an estimate, shape (..., 1, 1).
-        vio_place_m: Where the tracker was at the last prediction, shape (..., 3, 1).
-        readings: The odometer's then, shape (..., 3, 1).
     """
 
     window: Window
@@ -97,18 +84,26 @@ class ChainState(NamedTuple):
     hypotheses: Hypotheses
     agreement: Agreement
     usual: Usual
-    is_known: Mask
-    vio_place_m: Array
-    readings: Array
+
+    @property
+    def is_known(self) -> Mask:
+        """Whether there is an estimate, shape (..., 1, 1)."""
+        return self.window.is_valid[..., :1] > 0
+
+    @property
+    def moved_m(self) -> Array:
+        """The tracker's way since the last prediction, shape (..., 3, 1)."""
+        return self.odometer.vio_from_cam[..., :3, :] - self.window.vio_place_m[..., :1]
+
+    @property
+    def since(self) -> Array:
+        """What the odometer has read since the last prediction, shape (..., 3, 1)."""
+        return self.odometer.readings - self.window.odometer[..., :1]
 
 
 def init(params: ChainParams, batch_shape: tuple[int, ...], like: Array) -> ChainState:
     """The state before the first frame."""
     count = int(params.window)
-
-    def nothing(rows: int) -> Array:
-        return zeros((*batch_shape, rows, 1), like)
-
     return ChainState(
         empty_window(batch_shape, count, like),
         new_odometer(batch_shape, like),
@@ -116,9 +111,6 @@ def init(params: ChainParams, batch_shape: tuple[int, ...], like: Array) -> Chai
         no_hypotheses(batch_shape, count, like),
         no_agreement(batch_shape, like),
         nothing_usual(batch_shape, like),
-        nothing(1) > 0,
-        nothing(3),
-        nothing(3),
     )
 
 
@@ -129,41 +121,18 @@ def step(params: ChainParams, state: ChainState, frame: FrameInput) -> tuple[Cha
     has_apr = frame.has_apr & frame.tracking_ok
     is_used = has_apr
     if not holds_nowhere(has_apr):
-        weighed, is_accepted = _weigh_prediction(params, state, frame)
-        is_used = has_apr & is_accepted
-        state = state._replace(usual=_select_state(has_apr, weighed.usual, state.usual))
-        state = _select_state(is_used, weighed, state)
-    is_placed = frame.tracking_ok & state.is_known[..., 0, 0]
-    if params.not_here:
-        is_placed = is_placed & (state.agreement.is_here[..., 0, 0] > 0)
-    variances = variances_of(
-        state.hypotheses,
-        state.agreement,
-        state.trust.noise,
-        _drift(params, state.trust, state.trust.expected_rates),
-        state.odometer.readings - state.readings,
-        vio_from_cam[..., :3, :] - state.vio_place_m,
-    )
-    estimate = answer(
-        params,
-        state.hypotheses,
-        variances,
-        state.trust.noise,
-        is_placed,
-        is_used,
-        vio_from_cam,
-        state.vio_place_m,
-        frame,
-    )
-    return state, estimate
+        arrival, usual, has_say = _receive(state, frame)
+        state = state._replace(usual=_select_state(has_apr, usual, state.usual))
+        is_used = has_apr & has_say
+        if not holds_nowhere(is_used):
+            state = _select_state(is_used, _weigh(params, state, arrival), state)
+    return state, _answer(params, state, frame, vio_from_cam, is_used)
 
 
 def _select_state(condition: Mask, if_true: Any, if_false: Any) -> Any:
     """Elementwise choice between states: nested tuples of arrays."""
     if if_true is if_false or holds_everywhere(condition):
         return if_true
-    if holds_nowhere(condition):
-        return if_false
     if not isinstance(if_true, tuple):
         return select(condition, if_true, if_false)
     parts = (_select_state(condition, a, b) for a, b in zip(if_true, if_false, strict=True))
@@ -173,176 +142,197 @@ def _select_state(condition: Mask, if_true: Any, if_false: Any) -> Any:
 def _follow_tracker(state: ChainState, frame: FrameInput, vio_from_cam: Array) -> ChainState:
     """Read the odometer on; forget a tracking world that is no more, doubt one that was lost."""
     odometer = state.odometer.follow(frame, vio_from_cam)
-    if holds_nowhere(frame.tracking_reset | state.odometer.is_lost[..., 0, 0]):
-        return state._replace(odometer=odometer)
-    xp = namespace(vio_from_cam)
-    keeps = ~frame.tracking_reset[..., None, None]
+    was_lost, is_new = state.odometer.is_lost, frame.tracking_reset[..., None, None]
+    state = state._replace(odometer=odometer)
+    if holds_nowhere(is_new | was_lost):
+        return state
     valid = state.window.is_valid
-    is_back = (frame.tracking_ok[..., None, None] & state.odometer.is_lost)[..., None, :, :]
-    evidence = state.hypotheses.evidence
-    doubted = xp.where(is_back, xp.minimum(evidence, EVIDENCE_AFTER_LOSS), evidence)
+    xp = namespace(valid)
+    is_back = was_lost & frame.tracking_ok[..., None, None]
+    most = xp.where(is_back, EVIDENCE_AFTER_LOSS, xp.zeros_like(valid[..., :1]) + MOST_EVIDENCE)
+    most = xp.where(is_new, 0.0, most)
+    kept = valid * xp.astype(~is_new, valid.dtype)
     return state._replace(
-        window=state.window._replace(is_valid=valid * xp.astype(keeps, valid.dtype)),
-        odometer=odometer,
-        hypotheses=state.hypotheses._replace(evidence=doubted),
-        is_known=state.is_known & keeps,
+        window=state.window._replace(is_valid=kept), hypotheses=state.hypotheses.bounded(most)
     )
 
 
-def _drift(params: ChainParams, trust: Trust, rates: Array) -> Drift:
-    """In rad^2 and m^2 a metre: as a calibration has found it, or as learned."""
-    noise2 = _RATE_FACTOR * trust.noise * trust.noise
-    given = (
-        params.tilt_drift_rad2_per_m,
-        params.heading_drift_rad2_per_m,
-        params.position_drift_m2_per_m,
-    )
-    units = (noise2[..., :1, :], noise2[..., :1, :], noise2[..., 1:, :])
-    learned = (rates[..., row : row + 1, :] * unit for row, unit in enumerate(units))
-    return Drift(
-        *(
-            drift if value < 0 else 0 * drift + value
-            for value, drift in zip(given, learned, strict=True)
-        )
-    )
+class Arrival(NamedTuple):
+    """A prediction, and where both hypotheses expect the camera.
+
+    Attributes:
+        row: See `window.new_prediction`.
+        stated: See `Window`, of this prediction, shape (..., 2, 1).
+        matrices: Rotations of world_from_vio by both hypotheses, shape (..., 2, 3, 3).
+        expected_m: The places that they expect, shape (..., 2, 3, 1).
+        surprises: Squared distances from them, rad^2 and m^2, shape (..., 2, 2, 1).
+    """
+
+    row: Array
+    stated: Array
+    matrices: Array
+    expected_m: Array
+    surprises: Array
 
 
-def _weigh_prediction(
-    params: ChainParams, state: ChainState, frame: FrameInput
-) -> tuple[ChainState, Mask]:
-    """Take a prediction in and estimate again; and whether it has a say at all, shape (...)."""
-    apr, vio = column(frame.apr_world_from_cam), state.odometer.vio_from_cam
+def _receive(state: ChainState, frame: FrameInput) -> tuple[Arrival, Usual, Mask]:
+    """A prediction; what is usually stated, with it; and whether it has a say, shape (...)."""
+    apr = column(frame.apr_world_from_cam)
     xp = namespace(apr)
-    trust, odometer = state.trust, state.odometer.readings
-    drift = _drift(params, trust, trust.rates)
-    vio_place_m, place_m = vio[..., :3, :], apr[..., :3, :]
-    prediction = new_prediction(apr, vio, odometer)
-    rotation = prediction[..., :4, :]
-    hypotheses = begun(state.hypotheses, state.is_known, rotation, place_m)
-    arrived_m = xp.where(
-        state.is_known[..., None, :, :],
-        hypotheses.carry(vio_place_m - state.vio_place_m),
-        hypotheses.place_m,
-    )
-    surprises = _surprises(hypotheses, arrived_m, rotation, place_m)
-    squares = surprises[..., 0, :, :] * xp.astype(state.is_known, apr.dtype)
-    usual, stated, is_veto = state.usual.weigh(frame, squares / (trust.noise * trust.noise))
+    place_m, noise = apr[..., :3, :], state.trust.noise
+    row = new_prediction(apr, state.odometer.vio_from_cam, state.odometer.readings)
+    matrices = state.hypotheses.matrices
+    expected_m = state.hypotheses.place_m + matrices @ state.moved_m[..., None, :, :]
+    turns = turns_from(row[..., None, :4, :], state.hypotheses.world_from_vio)
+    gaps = xp.concat([turns, place_m[..., None, :, :] - expected_m], axis=-2)
+    surprises = squared_lengths(gaps)
+    leading = surprises[..., 0, :, :] * xp.astype(state.is_known, apr.dtype)
+    usual, stated, is_veto = state.usual.weigh(frame, leading / (noise * noise))
+    # The same numbers once more are a regressor that hangs, and say nothing new.
     is_news = xp.any(place_m != state.window.place_m[..., :1], axis=-2, keepdims=True)
-    is_news = is_news | (state.window.is_valid[..., :1] < 0.5)
+    has_say = (is_news | ~state.is_known) & ~is_veto
+    return Arrival(row, stated, matrices, expected_m, surprises), usual, has_say[..., 0, 0]
 
-    # The window, with the new prediction in front.
+
+def _weigh(params: ChainParams, state: ChainState, arrival: Arrival) -> ChainState:
+    """Take a prediction into the window, and smooth both hypotheses again."""
+    trust, last = state.trust, state.hypotheses
+    xp = namespace(arrival.row)
+    drift = _drift(params, trust.noise, trust.rates)
     length_m = view_length_m(trust.scatter[..., 1:, :])
     moves = state.window.moving(length_m, VIEW_RAD, _NOVELTY)
-    window = state.window.push(prediction, stated, moves)
-    hypotheses = hypotheses.push(arrived_m, moves)
-    ages = odometer - window.odometer
+    window = state.window.push(arrival.row, arrival.stated, moves)
     kernel = view_kernel(window, length_m)
-    relative = drift.position / (trust.scatter[..., 1:, :] * trust.scatter[..., 1:, :])
-    shares = view_shares(window, kernel, relative) if params.view_weights else window.is_valid
     newness = 1 / total(kernel[..., :1, : RECENT + 2])
-
-    # How well it fits what both hypotheses expect here.
-    since = odometer - state.readings
-    gates = _gates(trust, hypotheses, drift, since)
-    distance2 = largest(surprises / gates)
-    hypotheses = hypotheses.weigh(1 / (1 + distance2 * distance2), newness)
-
-    # Both, smoothed.
-    residuals = residuals_of(window, hypotheses)
-    hypotheses = agreement_of.compare_motion(
-        hypotheses, window, residuals.ways_m, trust.scatter[..., 1:, :], newness
+    shares = window.is_valid
+    if params.view_weights:
+        per_noise = drift[..., 2:, :] / (trust.scatter[..., 1:, :] * trust.scatter[..., 1:, :])
+        shares = view_shares(window, kernel, per_noise)
+    start = xp.zeros_like(last.path[..., :1])
+    last = last._replace(path=pushed(last.path, start, moves[..., None, :, :]))
+    residuals = residuals_of(
+        window, last.world_from_vio, arrival.matrices, arrival.expected_m, last.path
     )
-    places = residuals.values[..., 3:, :]
-    swings = hypotheses.depth_m * residuals.swings if params.look_at else 0 * residuals.swings
-    values = xp.concat([residuals.values[..., :3, :], places + swings], axis=-2)
-    errors2 = squared_lengths(values - hypotheses.path)
-    scatter2, beyond = _scatter(trust, window, ages, errors2[..., 0, :, :])
-    is_near = largest(errors2 / gates) < 1
-    counts = shares[..., None, :, :] * xp.astype(
-        is_near | (constant(_CHALLENGES, apr) > 0), apr.dtype
-    )
-    weights = weights_of(params, counts, window.stated, errors2, scatter2)
-    offset = places - hypotheses.path[..., 3:, :]
-    depth_m = look_at_depth(weights, offset, residuals.swings)
-    if params.look_at:
-        places = places + depth_m * residuals.swings
-    is_upright, tilt = knows_up(params, hypotheses.world_from_vio)
-    turns, precisions = levelled(
-        params, residuals.values[..., :3, :], weights.turn, is_upright, tilt
-    )
-    values = xp.concat([turns, places], axis=-2)
-    precisions = xp.concat([precisions, *([weights.place] * 3)], axis=-2)
-    variances = step_variances(params, window, residuals.legs_m, drift, is_upright)
-    path, precision = smoothed(values, precisions, variances, window.is_valid)
-    hypotheses = hypotheses.corrected(path, precision, depth_m)
-
-    # Which of them leads, and what begins.
-    if params.hypotheses:
-        hypotheses = hypotheses.challenge(distance2 < 1, gates, rotation, place_m)
-        hypotheses, swaps = hypotheses.overtake()
-        fits_new = xp.astype(is_near[..., 1, :, :] | ~swaps, apr.dtype)
-        window = window._replace(is_valid=window.is_valid * fits_new)
-
-    # What this says of noise, drift and the place.
-    drifts = xp.concat([drift.heading, drift.position], axis=-2)
-    upright, is_new_view = is_upright[..., 0, :, :], moves[..., -1:]
-    scatter, leading = xp.sqrt(scatter2), values[..., 0, :, :]
-    lesson = Lesson(window, ages, leading, shares, scatter, drifts, upright, is_new_view)
-    trust = learn(params, trust, lesson)
-    surprise = state.agreement.surprise
-    surprise = surprise + _SURPRISE_MEMORY * newness * (surprises[..., 0, :, :] - surprise)
-    noted = state.agreement._replace(beyond=beyond, surprise=surprise)
-    rolls = agreement_of.compare_rolls(window)
-    agreement = agreement_of.judge(noted, hypotheses, rolls, newness)
-    weighed = ChainState(
+    gates = _gates(trust, last.precision, drift, state.since)
+    ages = state.odometer.readings - window.odometer
+    problem = Problem(window, residuals, last, trust, ages, shares, drift, gates)
+    solution = solve(params, problem)
+    hypotheses, window = _weigh_hypotheses(params, state, arrival, problem, solution, newness)
+    lesson = Lesson(
         window,
-        state.odometer,
-        trust,
-        hypotheses,
-        agreement,
-        usual,
-        state.is_known | ~state.is_known,
-        vio_place_m,
-        odometer,
+        ages,
+        solution.values[..., 0, :, :],
+        shares,
+        xp.sqrt(solution.scatter2),
+        drift[..., 1:, :],
+        solution.is_upright[..., 0, :, :],
+        moves[..., -1:],
     )
-    return weighed, (is_news & ~is_veto)[..., 0, 0]
+    surprise = state.agreement.surprise
+    surprise = surprise + _SURPRISE_MEMORY * newness * (arrival.surprises[..., 0, :, :] - surprise)
+    noted = state.agreement._replace(beyond=solution.beyond, surprise=surprise)
+    leading, slope = hypotheses.agreement[..., 0, :, :], hypotheses.slope[..., 0, :, :]
+    return state._replace(
+        window=window,
+        trust=learn(params, trust, lesson),
+        hypotheses=hypotheses,
+        agreement=judge(noted, leading, slope, compare_rolls(window), newness),
+    )
 
 
-def _surprises(hypotheses: Hypotheses, arrived_m: Array, rotation: Array, place_m: Array) -> Array:
-    """Squared distances of a prediction from both hypotheses, rad^2 and m^2, (..., 2, 2, 1)."""
-    xp = namespace(place_m)
-    turns = turns_from(rotation[..., None, :, :], hypotheses.world_from_vio)
-    return squared_lengths(xp.concat([turns, place_m[..., None, :, :] - arrived_m], axis=-2))
+def _weigh_hypotheses(
+    params: ChainParams,
+    state: ChainState,
+    arrival: Arrival,
+    problem: Problem,
+    solution: Solution,
+    newness: Array,
+) -> tuple[Hypotheses, Window]:
+    """Both as corrected, in order of evidence; and the predictions that are still asked."""
+    last, window, trust = problem.last, problem.window, problem.trust
+    xp = namespace(newness)
+    is_known = state.is_known[..., None, :, :]
+    new = newness[..., None, :, :]
+    distance2 = largest(arrival.surprises / problem.gates)
+    fit = xp.astype(is_known, newness.dtype) / (1 + distance2 * distance2)
+    scatter_m = trust.scatter[..., 1:, :]
+    newest = solution.path[..., :1]
+    rows = assemble(
+        turned(last.world_from_vio, newest[..., :3, :]),
+        arrival.expected_m + newest[..., 3:, :],
+        solution.precision,
+        solution.depth_m,
+        *last.support(fit, new),
+        *compare_motion(last, window, problem.residuals.ways_m, scatter_m, new),
+    )
+    fits = (distance2 < 1) | (not params.hypotheses)
+    own = to_axes(1 / (trust.scatter * trust.scatter))
+    first = beginning(arrival.row[..., :4, :], window.place_m[..., :1], own)
+    both = Hypotheses(rows, solution.path - newest)
+    both = both.challenge(fits & is_known, problem.gates, first)
+    both, swaps = both.overtake()
+    # Predictions that speak for what was left are no longer asked.
+    speaks = solution.is_near[..., 1, :, :] | ~swaps[..., 0, :, :]
+    newest_only = constant(is_among_newest(window.is_valid.shape[-1], 1), newness) > 0
+    kept = window.is_valid * xp.astype(speaks | newest_only, newness.dtype)
+    return both, window._replace(is_valid=kept)
 
 
-def _gates(trust: Trust, hypotheses: Hypotheses, drift: Drift, since: Array) -> Array:
+def _gates(trust: Trust, precision: Array, drift: Array, since: Array) -> Array:
     """Squared distances within which predictions fit, rad^2 and m^2, shape (..., 2, 2, 1)."""
-    xp = namespace(since)
-    rates = xp.concat([drift.heading, drift.position], axis=-2)
-    growth = rates * since[..., :1, :] + since[..., 1:, :]
-    own = 1 / hypotheses.precision
-    own = xp.concat([largest_of_three(own[..., :3, :]), largest_of_three(own[..., 3:, :])], axis=-2)
+    growth = drift[..., 1:, :] * since[..., :1, :] + since[..., 1:, :]
     usual = (trust.scatter * trust.scatter + growth)[..., None, :, :]
-    return xp.maximum(3 * _GATE**2 * (usual + own), constant(_LEAST_GATE**2, own))
+    gates = 3 * _GATE**2 * (usual + largest_of_three(1 / precision))
+    return namespace(since).maximum(gates, constant(_LEAST_GATE**2, gates))
 
 
-def _scatter(trust: Trust, window: Window, ages: Array, errors2: Array) -> tuple[Array, Array]:
-    """The typical squared residual per axis, and what of it is beyond its limit, (..., 2, 1).
+def _drift(params: ChainParams, noise: Array, rates: Array) -> Array:
+    """Of tilt, heading and position in a metre, rad^2 and m^2, shape (..., 3, 1).
 
-    Args:
-        trust: The last one.
-        window: Past predictions.
-        ages: What the odometer has read since each prediction, shape (..., 3, n).
-        errors2: Squared residuals about the leading path, shape (..., 2, n).
+    As a calibration has found it, or as learned.
     """
-    xp = namespace(ages)
-    noise2 = trust.noise * trust.noise
-    jumps = row_sum(ages[..., 1:, :] / noise2)
-    typical = typical_of(window.is_valid * xp.astype(jumps < 1, ages.dtype))
-    median = typical.median(errors2) / _MEDIAN_CHI2
-    median = xp.where(typical.is_few, trust.scatter * trust.scatter, median)
-    least, most = (constant(_SCATTER_LIMITS2[:, k : k + 1], median) for k in range(2))
-    return xp.minimum(xp.maximum(median, least), most), xp.maximum(median - most, 0.0)
+    learned = _RATE_FACTOR * rates * (constant(_UNITS, noise) @ (noise * noise))
+    given = np.array(
+        [
+            [params.tilt_drift_rad2_per_m],
+            [params.heading_drift_rad2_per_m],
+            [params.position_drift_m2_per_m],
+        ]
+    )
+    is_given = given >= 0
+    if not is_given.any():
+        return learned
+    known = constant(np.where(is_given, given, 0.0), learned)
+    return learned * constant(np.where(is_given, 0.0, 1.0), learned) + known
+
+
+_UNITS = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+"""Of tilt, heading and position, from orientation and position."""
+
+
+def _answer(
+    params: ChainParams,
+    state: ChainState,
+    frame: FrameInput,
+    vio_from_cam: Array,
+    is_used: Mask,
+) -> Estimate:
+    is_placed = frame.tracking_ok & state.is_known[..., 0, 0]
+    if params.not_here:
+        is_placed = is_placed & (state.agreement.is_here[..., 0, 0] > 0)
+    both, noise = state.hypotheses, state.trust.noise
+    matrices = both.matrices
+    places_m = both.place_m + matrices @ state.moved_m[..., None, :, :]
+    drift = _drift(params, noise, state.trust.expected_rates)[..., 1:, :]
+    variances = variances_of(
+        both, state.agreement, noise, drift, state.since, state.moved_m, places_m
+    )
+    turn, matrix, place_m = (
+        part[..., 0, :, :] for part in (both.world_from_vio, matrices, places_m)
+    )
+    return answer(
+        params, turn, matrix, place_m, variances, noise, is_placed, is_used, vio_from_cam, frame
+    )
 
 
 METHOD = Method(

@@ -27,8 +27,7 @@ RECENT = 3
 
 _ROTATION, _GAZE, _VIO_GAZE = slice(0, 4), slice(4, 7), slice(7, 10)
 _VIO_PLACE, _PLACE, _VIO_VIEW = slice(10, 13), slice(13, 16), slice(7, 13)
-_APR_TURN, _VIO_TURN = slice(16, 20), slice(20, 24)
-_ODOMETER, _STATED = slice(24, 27), slice(27, 29)
+_TURNS, _ODOMETER, _STATED = slice(16, 24), slice(24, 27), slice(27, 29)
 _ROWS = 29
 
 
@@ -69,14 +68,10 @@ class Window(NamedTuple):
         return self.rows[..., _VIO_GAZE, :]
 
     @property
-    def apr_turn(self) -> Array:
-        """The predicted orientations, quaternions xyzw, shape (..., 4, n)."""
-        return self.rows[..., _APR_TURN, :]
-
-    @property
-    def vio_turn(self) -> Array:
-        """The tracker's orientations, quaternions xyzw, shape (..., 4, n)."""
-        return self.rows[..., _VIO_TURN, :]
+    def turns(self) -> Array:
+        """The predicted and the tracker's orientations, quaternions xyzw, shape (..., 2, 4, n)."""
+        both = self.rows[..., _TURNS, :]
+        return namespace(both).reshape(both, (*both.shape[:-2], 2, 4, both.shape[-1]))
 
     @property
     def odometer(self) -> Array:
