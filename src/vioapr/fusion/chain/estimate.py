@@ -17,6 +17,14 @@ _COMMON_BIAS = 0.1
 """Share of a prediction's variance that all views of a place have in common, and that no
 comparison of predictions can show."""
 
+_USUAL_AGREEMENT = 0.7
+"""Of predictions of which every fourth is wild; what is less raises doubt."""
+
+_SCALES = np.array([[0.8], [0.65]])
+"""From the model's standard deviations to the scales of the heavy-tailed distribution that is
+stated, Student's t with two degrees of freedom: a compromise between sets of walks, which a
+calibration replaces (docs/results/accuracy.md, Calibration)."""
+
 _DEGREES = np.array([[180 / np.pi], [1.0]])
 _MEANS = np.kron(np.eye(2), np.full((1, 3), 1 / 3))
 
@@ -53,8 +61,8 @@ def variances_of(
     gap = xp.concat([turns, places_m[..., 1, :, :] - places_m[..., 0, :, :]], axis=-2)
     apart = squared_lengths(gap) / 3
     # And what predictions deny is as wrong as they say.
-    denied = 1 - hypotheses.agreement[..., 0, :, :]
-    doubt = denied * denied * denied * agreement.surprise / 3 + odds / (1 + odds) * apart
+    denied = xp.maximum(_USUAL_AGREEMENT - hypotheses.agreement[..., 0, :, :], 0.0)
+    doubt = denied * denied * agreement.surprise / 3 + odds / (1 + odds) * apart
     both = growth + _COMMON_BIAS * noise * noise + agreement.beyond + doubt
     variances = 1 / hypotheses.precision[..., 0, :, :] + to_axes(both)
     by_turn = largest_of_three(variances[..., :3, :]) * (moved_m.mT @ moved_m)
@@ -100,7 +108,7 @@ def answer(
     spread = to_axes(noise * noise)
     variances = xp.where(placed, variances, xp.where(raw, spread, np.nan))
     factors = [params.sigma_orientation_factor, params.sigma_position_factor]
-    scales = constant(_DEGREES * np.array([factors]).T, noise)
+    scales = constant(_DEGREES * _SCALES * np.array([factors]).T, noise)
     axes = xp.sqrt(variances) * to_axes(scales)
     means = xp.sqrt(constant(_MEANS, axes) @ (axes * axes))
     status = _status(is_placed, is_raw, is_placed & is_used)

@@ -38,6 +38,10 @@ _DEPTH_M = 5.0
 _SCATTER_LIMITS2 = np.array([[0.0035, 0.26], [0.005, 4.0]]) ** 2
 """Within which regressors err per axis, rad^2 and m^2."""
 
+_NOISE_SHOWN2 = 0.25
+"""Share of the noise's variance that the scatter has at least. A path that follows predictions
+leaves none, which must not make it follow them the more."""
+
 _MEDIAN_CHI2 = 2.366
 """Median of the chi-squared distribution with three degrees of freedom."""
 
@@ -138,7 +142,9 @@ def _scatter(problem: Problem, errors2: Array) -> tuple[Array, Array]:
     median = typical.median(errors2) / _MEDIAN_CHI2
     median = xp.where(typical.is_few, trust.scatter * trust.scatter, median)
     least, most = (constant(_SCATTER_LIMITS2[:, k : k + 1], median) for k in range(2))
-    return xp.minimum(xp.maximum(median, least), most), xp.maximum(median - most, 0.0)
+    beyond = xp.maximum(median - most, 0.0)
+    median = xp.maximum(xp.maximum(median, least), _NOISE_SHOWN2 * trust.noise * trust.noise)
+    return xp.minimum(median, most), beyond
 
 
 def _precisions(
