@@ -19,7 +19,7 @@ class Status(IntEnum):
     TRACKED = 1, "VIO, carried on from earlier frames: this frame has no prediction that is used"
     KEYFRAME = 2, "the prediction, which VIO confirms (method vio-apr)"
     OPTIMIZED = 3, "the method computed it, in place of this frame's prediction"
-    PREDICTED = 4, "the prediction, unchecked: method apr, or the tracker is lost (consensus)"
+    PREDICTED = 4, "the prediction, unchecked: method apr, or the tracker is lost (chain)"
 
     meaning: str
 
@@ -29,6 +29,30 @@ class Status(IntEnum):
         status._value_ = value
         status.meaning = meaning
         return status
+
+    @property
+    def label(self) -> str:
+        """The name in files and tables."""
+        return self.name.lower()
+
+
+class LocalizationState(IntEnum):
+    """What to tell people about where they are; by methods that judge themselves."""
+
+    SEARCHING = 0, "no prediction yet, or too few that agree"
+    LOCALIZED = 1, "predictions and motion agree"
+    UNCERTAIN = 2, "found before, but predictions contradict each other or the motion by now"
+    NOT_HERE = 3, "predictions do not tell of the motion: another place than the map's, or wiring"
+    LOST = 4, "the tracker does not know its pose"
+
+    meaning: str
+
+    def __new__(cls, value: int, meaning: str) -> Self:
+        """Make a state of its number and of what it means, for people."""
+        state = int.__new__(cls, value)
+        state._value_ = value
+        state.meaning = meaning
+        return state
 
     @property
     def label(self) -> str:
@@ -49,7 +73,8 @@ class FrameInput(NamedTuple):
         vio_from_cam: The tracker's pose, in a tracking world of its own.
         tracking_ok: Shape (...), whether the tracker knows its pose.
         tracking_reset: Shape (...), whether the tracker's world is a new one since this frame.
-            A frame without tracking implies it for the next one.
+            Whether a frame without tracking implies it for the next one is up to the method:
+            `chain` keeps what it knew and verifies it, others start again.
         apr_sigma_m: Shape (...), the standard deviation of the predicted position per axis
             that the regressor states, m; NaN or not above 0 where it states none. None if it
             never does. Methods without use for it ignore it.
@@ -91,6 +116,10 @@ class Estimate(NamedTuple):
             None.
         sigma_position_axes_m: Shape (..., 3), along each axis of the world, or None.
         sigma_orientation_axes_deg: Shape (..., 3), about each axis of the world, or None.
+        state: Shape (...), integers of `LocalizationState`, or None.
+        confidence: Shape (...), the probability that the pose is the right one of those that
+            are possible, and its error therefore within what the sigmas say; 0 where there is
+            no pose. None where the method has none.
     """
 
     world_from_cam: Rigid3
@@ -101,6 +130,8 @@ class Estimate(NamedTuple):
     sigma_orientation_deg: Array | None = None
     sigma_position_axes_m: Array | None = None
     sigma_orientation_axes_deg: Array | None = None
+    state: Array | None = None
+    confidence: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from vioapr.fusion.chain.columns import since
 from vioapr.fusion.chain.hypotheses import Hypotheses
 from vioapr.fusion.chain.sums import row_sum, squared_length, total, typical_of
 from vioapr.fusion.chain.window import Window
-from vioapr.geometry.arrays import Array, constant, namespace, zeros
+from vioapr.geometry.arrays import Array, Mask, constant, namespace, zeros
 
 _LEAST_WAY_M, _LEAST_WAY_PER_M = 0.5, 4.0
 """Ways over which the slope is judged: this long, and so many times the scatter."""
@@ -45,6 +45,17 @@ _BAD_SCATTER2 = 0.07
 """Squared scatter of orientation beyond what a regressor that is of use can have, rad^2."""
 
 
+_FOUND, _SURE, _UNSURE = 1.5, 0.6, 0.4
+"""Evidence from which on the place counts as found, and confidence from which on it is sure and
+below which it is not any more."""
+
+_FULL_AGREEMENT = 0.7
+"""Of predictions of which every fourth is wild."""
+
+_HERE, _CONFIDENCE, _IS_SURE, _WAS_FOUND = (slice(k, k + 1) for k in range(4))
+_AT_FIRST = np.array([[1.0], [0.0], [0.0], [0.0]])
+
+
 class Agreement(NamedTuple):
     """What is remembered of it.
 
@@ -55,13 +66,44 @@ class Agreement(NamedTuple):
             rad^2 and m^2, shape (..., 2, 1).
         rolls: Share of relative rotations that fit if the camera is turned about its axis by
             0, 90, 180 and 270 degrees against the tracker's, shape (..., 4, 1).
-        is_here: 1 or 0, with hysteresis, shape (..., 1, 1).
+        verdict: Whether the user is where the map is, 1 or 0, with hysteresis; the probability
+            that the leading hypothesis is the right one; whether that is enough, with
+            hysteresis; and whether it ever was in this tracking world, shape (..., 4, 1).
     """
 
     beyond: Array
     surprise: Array
     rolls: Array
-    is_here: Array
+    verdict: Array
+
+    @property
+    def is_here(self) -> Mask:
+        """Whether the user is where the map is, shape (..., 1, 1)."""
+        return self.verdict[..., _HERE, :] > 0
+
+    @property
+    def confidence(self) -> Array:
+        """Probability that the leading hypothesis is the right one, shape (..., 1, 1)."""
+        return self.verdict[..., _CONFIDENCE, :]
+
+    @property
+    def is_sure(self) -> Mask:
+        """Whether that is enough, shape (..., 1, 1)."""
+        return self.verdict[..., _IS_SURE, :] > 0
+
+    @property
+    def was_found(self) -> Mask:
+        """Whether it ever was in this tracking world, shape (..., 1, 1)."""
+        return self.verdict[..., _WAS_FOUND, :] > 0
+
+    def unsure(self, is_back: Mask, is_new: Mask) -> Agreement:
+        """After a loss of tracking, and in a new tracking world, shapes (..., 1, 1)."""
+        xp = namespace(self.verdict)
+        here = self.verdict[..., _HERE, :]
+        doubts = self.verdict * constant(np.array([[1.0], [1.0], [0.0], [1.0]]), here)
+        verdict = xp.where(is_back, doubts, self.verdict)
+        nothing = here * constant(_AT_FIRST, here)
+        return self._replace(verdict=xp.where(is_new, nothing, verdict))
 
 
 def no_agreement(batch_shape: tuple[int, ...], like: Array) -> Agreement:
@@ -70,7 +112,8 @@ def no_agreement(batch_shape: tuple[int, ...], like: Array) -> Agreement:
     def nothing(rows: int) -> Array:
         return zeros((*batch_shape, rows, 1), like)
 
-    return Agreement(nothing(2), nothing(2), nothing(4), nothing(1) + 1.0)
+    first = nothing(4) + constant(_AT_FIRST, like)
+    return Agreement(nothing(2), nothing(2), nothing(4), first)
 
 
 def compare_motion(
@@ -141,15 +184,12 @@ def _older(count: int) -> np.ndarray:
     return (np.arange(count) > 0) * 1.0
 
 
-def judge(
-    agreement: Agreement, leading: Array, slope: Array, rolls: Array, newness: Array
-) -> Agreement:
-    """With a prediction: whether the user is where the map is.
+def judge(agreement: Agreement, hypotheses: Hypotheses, rolls: Array, newness: Array) -> Agreement:
+    """With a prediction: whether the user is where the map is, and how sure that is.
 
     Args:
         agreement: Of before, with the newest scatter beyond limits and surprise.
-        leading: How well predictions fit the leading hypothesis, shape (..., 1, 1).
-        slope: Of predicted on tracked motion, shape (..., 1, 1).
+        hypotheses: With that prediction.
         rolls: Of `compare_rolls`.
         newness: Share of the newest prediction that is new, shape (..., 1, 1).
     """
@@ -157,9 +197,19 @@ def judge(
     mean = agreement.rolls + _ROLL_MEMORY * newness * (rolls - agreement.rolls)
     turned = xp.max(mean[..., 1:, :], axis=-2, keepdims=True) - mean[..., :1, :]
     scatter2 = agreement.beyond[..., :1, :]
+    leading, slope = hypotheses.agreement[..., 0, :, :], hypotheses.slope[..., 0, :, :]
     is_bad = (leading < _BAD_AGREEMENT) | (slope < _BAD_SLOPE)
     is_bad = is_bad | (scatter2 > _BAD_SCATTER2) | (turned > _ROLL_LEAD)
     is_good = (leading > _GOOD_AGREEMENT) & (slope > _GOOD_SLOPE)
     is_good = is_good & (scatter2 <= 0) & (turned < _ROLL_LEAD / 2)
-    is_here = xp.where(is_bad, 0.0, xp.where(is_good, 1.0, agreement.is_here))
-    return agreement._replace(rolls=mean, is_here=is_here)
+    is_here = xp.where(is_bad, 0.0, xp.where(is_good, 1.0, agreement.verdict[..., _HERE, :]))
+    share = (leading - _BAD_AGREEMENT) / (_FULL_AGREEMENT - _BAD_AGREEMENT)
+    share = xp.minimum(xp.maximum(share, 0.0), 1.0)
+    confidence = is_here * share * (1 - hypotheses.other_share)
+    evidence = hypotheses.evidence[..., 0, :, :]
+    becomes_sure = (confidence > _SURE) & (evidence > _FOUND)
+    stays_sure = (confidence > _UNSURE) & agreement.is_sure
+    is_sure = xp.astype(becomes_sure | stays_sure, confidence.dtype)
+    was_found = xp.maximum(is_sure, agreement.verdict[..., _WAS_FOUND, :])
+    verdict = xp.concat([is_here, confidence, is_sure, was_found], axis=-2)
+    return agreement._replace(rolls=mean, verdict=verdict)

@@ -107,6 +107,14 @@ class Hypotheses(NamedTuple):
         """Rotations of world_from_vio, shape (..., 2, 3, 3)."""
         return rotation_matrix(self.world_from_vio)
 
+    @property
+    def other_share(self) -> Array:
+        """Probability that the challenger is right and not the leader, shape (..., 1, 1)."""
+        xp = namespace(self.rows)
+        leading, other = self.evidence[..., 0, :, :], self.evidence[..., 1, :, :]
+        odds = xp.exp(xp.minimum((other - leading) / 2, 0.0))
+        return xp.astype(other > _LEAST_LEAD, odds.dtype) * odds / (1 + odds)
+
     def support(self, fit: Array, newness: Array) -> tuple[Array, Array]:
         """Evidence and agreement with a prediction, shapes (..., 2, 1, 1).
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -101,11 +101,11 @@ def no_trust_yet(params: ChainParams, batch_shape: tuple[int, ...], like: Array)
     # Two separate arrays: a tracer would take one that is passed twice for one input.
     scatter, noise = (number + constant(_FIRST_NOISE, like) for _ in range(2))
     is_upright = number > 0
-    rates, expected = _rates(params, evidence, is_upright)
+    rates, expected = _rates(params, evidence, number)
     return Trust(evidence, rates, expected, is_upright, scatter, noise, number)
 
 
-def _rates(params: ChainParams, evidence: Array, is_upright: Mask) -> tuple[Array, Array]:
+def _rates(params: ChainParams, evidence: Array, is_upright: Array) -> tuple[Array, Array]:
     """The candidates' geometric and arithmetic means, shape (..., 3, 1)."""
     xp = namespace(evidence)
     if not params.estimate_drift:
@@ -116,12 +116,13 @@ def _rates(params: ChainParams, evidence: Array, is_upright: Mask) -> tuple[Arra
     return xp.exp(weights @ constant(_LOG_RATES, weights)), weights @ constant(_RATES, weights)
 
 
-def _candidate_weights(params: ChainParams, evidence: Array, is_upright: Mask) -> Array:
+def _candidate_weights(params: ChainParams, evidence: Array, is_upright: Array) -> Array:
     """Of tilt, heading and position, up to a factor, shape (..., 3, g)."""
     xp = namespace(evidence)
     firm, sceptical = (constant(p, evidence) for p in (_prior(params.drift_prior), _SCEPTICAL))
     likelihood = xp.exp(evidence - xp.max(evidence, axis=-1, keepdims=True))
-    expects_up = is_upright if params.gravity in ("auto", "none") else is_upright | ~is_upright
+    is_up = is_upright > 0
+    expects_up = is_up if params.gravity in ("auto", "none") else is_up | ~is_up
     tilt = likelihood[..., :1, :] * xp.where(expects_up, firm, sceptical)
     # A tracker whose tilt stays constant knows up, and is as good as those that do.
     steadiness = total(tilt[..., :_STEADY_STEPS]) / total(tilt)
@@ -189,8 +190,8 @@ def learn(params: ChainParams, trust: Trust, lesson: Lesson) -> Trust:
     changes = changes | (~lesson.is_upright & trust.is_upright)
     rates, expected = compute_where(
         changes[..., 0, 0],
-        lambda *rows: _rates(params, *rows),
-        (evidence, lesson.is_upright),
+        partial(_rates, params),
+        (evidence, xp.astype(lesson.is_upright, evidence.dtype)),
         (trust.rates, trust.expected_rates),
     )
     return Trust(evidence, rates, expected, lesson.is_upright, scatter, noise, views)

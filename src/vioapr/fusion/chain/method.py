@@ -14,7 +14,7 @@ from vioapr.fusion.chain.agreement import (
     no_agreement,
 )
 from vioapr.fusion.chain.columns import column, turned, turns_from, z_up_column
-from vioapr.fusion.chain.estimate import answer, variances_of
+from vioapr.fusion.chain.estimate import Knowledge, answer
 from vioapr.fusion.chain.hypotheses import (
     EVIDENCE_AFTER_LOSS,
     MOST_EVIDENCE,
@@ -126,7 +126,16 @@ def step(params: ChainParams, state: ChainState, frame: FrameInput) -> tuple[Cha
         is_used = has_apr & has_say
         if not holds_nowhere(is_used):
             state = _select_state(is_used, _weigh(params, state, arrival), state)
-    return state, _answer(params, state, frame, vio_from_cam, is_used)
+    known = Knowledge(
+        state.hypotheses,
+        state.agreement,
+        state.trust.noise,
+        _drift(params, state.trust.noise, state.trust.expected_rates)[..., 1:, :],
+        state.since,
+        state.moved_m,
+        state.is_known,
+    )
+    return state, answer(params, known, is_used, vio_from_cam, frame)
 
 
 def _select_state(condition: Mask, if_true: Any, if_false: Any) -> Any:
@@ -153,7 +162,9 @@ def _follow_tracker(state: ChainState, frame: FrameInput, vio_from_cam: Array) -
     most = xp.where(is_new, 0.0, most)
     kept = valid * xp.astype(~is_new, valid.dtype)
     return state._replace(
-        window=state.window._replace(is_valid=kept), hypotheses=state.hypotheses.bounded(most)
+        window=state.window._replace(is_valid=kept),
+        hypotheses=state.hypotheses.bounded(most),
+        agreement=state.agreement.unsure(is_back, is_new),
     )
 
 
@@ -231,12 +242,11 @@ def _weigh(params: ChainParams, state: ChainState, arrival: Arrival) -> ChainSta
     surprise = state.agreement.surprise
     surprise = surprise + _SURPRISE_MEMORY * newness * (arrival.surprises[..., 0, :, :] - surprise)
     noted = state.agreement._replace(beyond=solution.beyond, surprise=surprise)
-    leading, slope = hypotheses.agreement[..., 0, :, :], hypotheses.slope[..., 0, :, :]
     return state._replace(
         window=window,
         trust=learn(params, trust, lesson),
         hypotheses=hypotheses,
-        agreement=judge(noted, leading, slope, compare_rolls(window), newness),
+        agreement=judge(noted, hypotheses, compare_rolls(window), newness),
     )
 
 
@@ -308,31 +318,6 @@ def _drift(params: ChainParams, noise: Array, rates: Array) -> Array:
 
 _UNITS = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 """Of tilt, heading and position, from orientation and position."""
-
-
-def _answer(
-    params: ChainParams,
-    state: ChainState,
-    frame: FrameInput,
-    vio_from_cam: Array,
-    is_used: Mask,
-) -> Estimate:
-    is_placed = frame.tracking_ok & state.is_known[..., 0, 0]
-    if params.not_here:
-        is_placed = is_placed & (state.agreement.is_here[..., 0, 0] > 0)
-    both, noise = state.hypotheses, state.trust.noise
-    matrices = both.matrices
-    places_m = both.place_m + matrices @ state.moved_m[..., None, :, :]
-    drift = _drift(params, noise, state.trust.expected_rates)[..., 1:, :]
-    variances = variances_of(
-        both, state.agreement, noise, drift, state.since, state.moved_m, places_m
-    )
-    turn, matrix, place_m = (
-        part[..., 0, :, :] for part in (both.world_from_vio, matrices, places_m)
-    )
-    return answer(
-        params, turn, matrix, place_m, variances, noise, is_placed, is_used, vio_from_cam, frame
-    )
 
 
 METHOD = Method(

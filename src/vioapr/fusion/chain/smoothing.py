@@ -45,6 +45,9 @@ leaves none, which must not make it follow them the more."""
 _MEDIAN_CHI2 = 2.366
 """Median of the chi-squared distribution with three degrees of freedom."""
 
+_LEAST_PRECISION = 1e-6
+"""Of a frame that no prediction speaks for."""
+
 _STEADY = np.array([[1e-10]] * 3 + [[1e-8]] * 3)
 """Variance of a step that drifts nowhere, rad^2 and m^2: keeps the system regular."""
 
@@ -122,9 +125,8 @@ def solve(params: ChainParams, problem: Problem) -> Solution:
     links = (is_valid * older_by(is_valid, 1))[..., None, :, :] / steps
     path, precision = smooth(values, precisions, links)
     path = path * is_valid[..., None, :, :]
-    return Solution(
-        path, precision[..., :1], depth_m, values, scatter2, beyond, is_near, is_upright
-    )
+    newest = xp.maximum(precision[..., :1], _LEAST_PRECISION)
+    return Solution(path, newest, depth_m, values, scatter2, beyond, is_near, is_upright)
 
 
 def _scatter(problem: Problem, errors2: Array) -> tuple[Array, Array]:
