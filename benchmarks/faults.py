@@ -33,7 +33,7 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 DOCS = Path(__file__).parent.parent / "docs" / "results" / "accuracy.md"
-METHOD_NAMES = ("consensus", "vio-apr")
+METHOD_NAMES = ("chain", "vio-apr")
 SEEDS = 20
 START_S = 90.0
 AFTERMATH_S = 10.0

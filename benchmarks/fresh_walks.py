@@ -1,4 +1,4 @@
-"""Method `consensus` on walks that nothing was chosen by; for docs/results/accuracy.md.
+"""Method `chain` on walks that nothing was chosen by; for docs/results/accuracy.md.
 
     VIOAPR_DATA=... python benchmarks/fresh_walks.py [--json FILE] [--against FILE]
         [--seed N] [--draws N] [--update-docs]
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 from common import replace_section, write_json
-from consensus import DOCS, by_group, errors_of, figures_of, run_consensus
+from chain import DOCS, by_group, errors_of, figures_of, run_consensus
 from numpy.typing import NDArray
 
 from vioapr.cli.console import progress
@@ -44,7 +44,7 @@ BLOCK = 20
 """Consecutive predictions whose errors are put onto another walk together."""
 REGRESSORS = {"posenet": "pn", "mst": "mst", "dfnet": "dfnet"}
 _PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-NAMES = ("raw", "vio-apr keyframes + optimized", "raw on these", "vio-apr all", "consensus")
+NAMES = ("raw", "vio-apr keyframes + optimized", "raw on these", "vio-apr all", "chain")
 
 
 def make_case(key: tuple[str, str, str, str], apr: Trajectory, vio: Trajectory, gt: Trajectory):
@@ -193,9 +193,9 @@ def _text(figures: list[float]) -> str:
 
 
 def compare(before: dict, after: dict) -> str:
-    """Ratios of the consensus' figures to an earlier version's."""
+    """Ratios of the chain' figures to an earlier version's."""
     ratios = {
-        key: np.divide(after[key]["consensus"][:4], before[key]["consensus"][:4]) for key in after
+        key: np.divide(after[key]["chain"][:4], before[key]["chain"][:4]) for key in after
     }
     ratios["mean"] = np.mean([*ratios.values()], axis=0)
     ratios["largest"] = np.max([*ratios.values()], axis=0)

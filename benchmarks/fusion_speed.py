@@ -38,7 +38,7 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.runtime.machine import resident_bytes
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
-BATCHED_METHODS = ("apr", "vio", "vio-apr", "consensus", "pose-filter", "mapnet-pgo")
+BATCHED_METHODS = ("apr", "vio", "vio-apr", "chain", "pose-filter", "mapnet-pgo")
 RATE_HZ = 2.0
 _LAST_FRAMES = 200
 """Frames before every memory reading that are timed."""
@@ -241,7 +241,7 @@ def endless_frames(walk: FrameInput) -> Iterator[FrameInput]:
 def measure_memory(config: Config, walk: FrameInput) -> dict[str, list[dict[str, float]]]:
     """State and process memory after ever longer walks, and the time of the last frames."""
     lean = PoseGraphParams(sigmas=False, updates=1)
-    ours = ("vio-apr", "consensus")
+    ours = ("vio-apr", "chain")
     jobs = {
         **{name: (get_method(name).params_type(), config.memory_frames) for name in ours},
         "pose-graph": (lean, config.isam2_memory_frames),

@@ -28,7 +28,7 @@ from vioapr.scene.scene import Scene
 
 DOCS = Path(__file__).parents[1] / "docs" / "results" / "localizer.md"
 PRECISIONS = ("fp32", "fp16w", "int8w", "int8-qdq")
-METHODS = ("consensus", "vio-apr")
+METHODS = ("chain", "vio-apr")
 FIGURES = ("median_m", "median_deg", "p95_m", "p95_deg")
 
 

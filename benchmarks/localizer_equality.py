@@ -219,7 +219,7 @@ def differences(left: dict, right: dict) -> dict[str, float]:
 def main(config: Config) -> None:
     """Compare both methods and print a table."""
     torch.set_num_threads(1)
-    results = {name: compare(name, config.frames) for name in ("vio-apr", "consensus")}
+    results = {name: compare(name, config.frames) for name in ("vio-apr", "chain")}
     table = Table(title=f"onnxruntime against others, {config.frames} frames")
     for column in ("method", "against", "statuses differ", "max m", "of the extent", "max deg"):
         table.add_column(column, justify="right")

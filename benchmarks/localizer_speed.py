@@ -70,15 +70,15 @@ class Config:
 
 
 def export_all(folder: Path, model: str, precisions: tuple[str, ...]) -> dict[str, Path]:
-    """Files by `method precision`; other precisions than fp32 with consensus only."""
+    """Files by `method precision`; other precisions than fp32 with chain only."""
     torch.manual_seed(0)
     spec = RegressorSpec(model, ("scene",))
     network = build(spec).eval()
     files = {}
-    for method in ("vio-apr", "consensus"):
+    for method in ("vio-apr", "chain"):
         chosen = METHODS[method]
         exporter = Exporter(network, spec, chosen, chosen.params_type())
-        for precision in ("fp32", *(precisions if method == "consensus" else ())):
+        for precision in ("fp32", *(precisions if method == "chain" else ())):
             images = calibration if precision == "int8-qdq" else None
             path = folder / f"{model}.{method}.{precision}.onnx"
             path.write_bytes(exporter.export(precision, images).content)

@@ -72,7 +72,7 @@ REDKITCHEN_TRAIN = f"--epochs 300 --lr 1e-3 --batch-size 64 {FEW}"
 TWO_PLACES = f"--train 12 --test 2 --rate-hz 2.5 {SIZE}"
 TWO_PLACES_TRAIN = f"--epochs 4 --batch-size 32 --lr 5e-4 {FEW}"
 
-METHODS_SHOWN = ("apr", "vio", "vio-apr", "consensus")
+METHODS_SHOWN = ("apr", "vio", "vio-apr", "chain")
 
 
 def run(*arguments: object) -> float:

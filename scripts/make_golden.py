@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.methods import METHODS
@@ -28,6 +29,7 @@ SIGMAS = (
     "sigma_orientation_deg",
     "sigma_position_axes_m",
     "sigma_orientation_axes_deg",
+    "confidence",
 )
 
 
@@ -85,11 +87,13 @@ def answer(method: str, inputs: list[GoldenInputs]) -> list[GoldenOutputs]:
 def to_outputs(estimate: Estimate) -> GoldenOutputs:
     """An estimate under the contract's names."""
     sigmas = {name: getattr(estimate, name) for name in SIGMAS}
+    state = estimate.localization_state
     return GoldenOutputs(
         status=int(estimate.status),
         confirmed_run=int(estimate.confirmed_run),
         world_from_cam=to_numbers(np.concatenate([*estimate.world_from_cam])),
         world_from_vio=to_numbers(np.concatenate([*estimate.world_from_vio])),
+        localization_state=UNSET if state is None else int(state),
         **{k: to_numbers(np.reshape(v, -1)) for k, v in sigmas.items() if v is not None},
     )
 

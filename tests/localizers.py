@@ -13,7 +13,7 @@ from vioapr.fusion.methods import METHODS
 from vioapr.geometry.rigid import Rigid3
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
-EXPORTED = ("vio-apr", "consensus")
+EXPORTED = ("vio-apr", "chain")
 
 
 @pytest.fixture(scope="session")

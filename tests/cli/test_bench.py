@@ -8,7 +8,7 @@ from vioapr.schemas.contract import Regressor
 def bench_result(**medians_ms):
     regressor = Regressor("mobile", ("a",))
     return BenchResult(
-        file="x.onnx", file_mb=1.0, method="consensus", precision="fp32", regressor=regressor,
+        file="x.onnx", file_mb=1.0, method="chain", precision="fp32", regressor=regressor,
         image_px=(480, 640), threads=1, machine="x", memory_mb=None, energy_j=None,
         ms={name: Percentiles(ms, ms, ms) for name, ms in medians_ms.items()},
     )  # fmt: skip

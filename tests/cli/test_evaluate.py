@@ -24,22 +24,22 @@ def test_tables_and_files(run, walk_dir, tmp_path):
     with (tmp_path / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 4 * 60
-    assert {row["method"] for row in rows} == {"apr", "vio", "vio-apr", "consensus"}
+    assert {row["method"] for row in rows} == {"apr", "vio", "vio-apr", "chain"}
 
 
 def test_csv_has_the_second_tables_figures_in_the_rows_of_all_frames(run, walk_dir):
-    command = ("evaluate", walk_dir, "--methods", "vio-apr,consensus")
+    command = ("evaluate", walk_dir, "--methods", "vio-apr,chain")
     code, out, err = run(*command, "--format", "csv")
     assert code == 0, err
     rows = list(csv.DictReader(out.splitlines()))
-    assert [row["method"] for row in rows] == [*["vio-apr"] * 4, "consensus"]
+    assert [row["method"] for row in rows] == [*["vio-apr"] * 4, "chain"]
     (group,) = json.loads(run(*command, "--json", "-")[1])
     figures = {row["method"]: row["figures"] for row in group["reliability"]}
     for row in rows:
         for name, value in figures[row["method"]].items():
             is_known = value is not None and row["frames"] == "all frames"
             assert row[name] == (repr(value) if is_known else "")
-    assert figures["consensus"]["risk_50_m"] > 0
+    assert figures["chain"]["risk_50_m"] > 0
 
 
 @pytest.mark.slow
@@ -64,8 +64,8 @@ def test_parameters_reach_the_method(run, walk_dir, tmp_path):
 
 
 def test_a_flag_that_no_method_takes_is_refused(run, fails, walk_dir):
-    line = fails("evaluate", walk_dir, "--methods", "apr,consensus", "--d-th", "1")
-    assert "--d-th is a flag of methods vio, vio-apr: expected flags of apr, consensus" in line
+    line = fails("evaluate", walk_dir, "--methods", "apr,chain", "--d-th", "1")
+    assert "--d-th is a flag of methods vio, vio-apr: expected flags of apr, chain" in line
     code, _, err = run("evaluate", walk_dir, "--methods", "apr,vio-apr", "--d-th", "1")
     assert (code, err) == (0, "")
 

@@ -188,8 +188,8 @@ def test_what_the_regressor_states_is_used_found_or_named(run, files, tmp_path, 
 
 
 FOREIGN = [
-    (("--method", "consensus", "--d-th", "2"), "--d-th is a flag of methods vio, vio-apr"),
-    (("--d-th", "0.5"), "--d-th is a flag of methods vio, vio-apr: expected flags of consensus"),
+    (("--method", "chain", "--d-th", "2"), "--d-th is a flag of methods vio, vio-apr"),
+    (("--d-th", "0.5"), "--d-th is a flag of methods vio, vio-apr: expected flags of chain"),
     (("--method", "apr", "--n=4"), "--n is a flag of methods vio, vio-apr: expected flags of apr"),
     (
         ("--method", "vio-apr", "--pose_graph-prior-sigma-m", "1"),
@@ -219,7 +219,7 @@ def test_sigmas_for_a_method_without_use_for_them_are_refused(
     sigmas = tmp_path / "s.csv"
     write_sigmas(sigmas, walk_dir, rng)
     line = fails("fuse", *files, "--method", "vio-apr", "--apr-sigma", sigmas, "--out", "f.csv")
-    assert "--apr-sigma: method vio-apr has no use for it, only consensus has" in line
+    assert "--apr-sigma: method vio-apr has no use for it, only chain has" in line
 
 
 def test_a_bad_table_of_sigmas_is_refused(fails, files, tmp_path):

@@ -53,7 +53,7 @@ def recording(scene):
 
 @pytest.fixture
 def model(model_of):
-    return model_of("consensus")
+    return model_of("chain")
 
 
 def rows_of(path):
@@ -74,12 +74,12 @@ def test_a_recording_becomes_a_csv_and_a_report(run, model, recording, tmp_path)
     assert rows[7]["status"] == "tracked"  # the frame without image
     assert rows[12]["status"] == "predicted"  # the one without tracking
     assert np.isfinite([float(row["sigma_position_m"]) for row in rows]).all()
-    assert "consensus" in text
+    assert "chain" in text
     assert "vio-apr" in text
     # What the file's own answers did to content is known too.
     title = next(line for line in text.splitlines() if "content jumps and stated sigmas" in line)
     below = text[text.index(title) :].splitlines()
-    own = next(line.split() for line in below if line.startswith("consensus "))
+    own = next(line.split() for line in below if line.startswith("chain "))
     assert np.isfinite([float(cell) for cell in own[1:3]]).all()
     assert (tmp_path / "report" / "index.html").exists()
 

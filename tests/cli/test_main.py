@@ -147,7 +147,7 @@ def test_empty_paths_are_refused(fails):
 
 
 def test_choices_of_the_library_are_suggested(fails, walk_dir):
-    assert fails("evaluate", walk_dir, "--methods", "consenus").endswith("; perhaps consensus")
+    assert fails("evaluate", walk_dir, "--methods", "chian").endswith("; perhaps chain")
     assert fails("inspect", walk_dir / "gt.tum", "--from", "tun").endswith("; perhaps tum")
     assert "--rate-hz: expected a rate above 0 Hz" in fails("inspect", "x", "--rate-hz", "-3")
     assert "--tolerance-s: expected a time tolerance" in fails(
@@ -178,7 +178,7 @@ def test_the_demo_localizes_its_walk_from_pictures(run, tmp_path):
     out = tmp_path / "demo"
     code, printed, err = run("demo", "--out", out)
     assert code == 0, err
-    assert all(method in printed for method in ("apr", "vio", "vio-apr", "consensus"))
+    assert all(method in printed for method in ("apr", "vio", "vio-apr", "chain"))
     assert (out / "report" / "index.html").exists()
     images = len(list((out / "courtyard" / "recordings" / "test-01" / "images").iterdir()))
     assert len((out / "fused.csv").read_text().splitlines()) == images + 1

@@ -149,7 +149,7 @@ def test_content_jumps_are_those_of_the_live_view(cases):
 
 
 def test_a_method_with_sigmas_has_risk_figures(cases):
-    (result,) = evaluate_cases(cases[:1], default_params(["consensus"]))
+    (result,) = evaluate_cases(cases[:1], default_params(["chain"]))
     found = result.reliability
     assert np.isfinite(found).all()
     assert found.risk_50_m <= result.errors.position_m.max()
@@ -171,7 +171,7 @@ def test_a_localizers_walk_stands_among_the_methods_it_is_compared_with(cases):
     fused = fuse_walks(get_method("apr"), AprParams(), [case.frames], view="live")[0]
     ticks = []
     (own,) = compare_methods(case, "mine", fused, tick=lambda: ticks.append(1))
-    others = ("apr", "vio", "vio-apr", "consensus")
+    others = ("apr", "vio", "vio-apr", "chain")
     assert [result.method for result in own.results] == [*others, "mine"]
     np.testing.assert_array_equal(own.results[-1].errors, own.results[0].errors)
     assert len(ticks) == count_ticks([case], others)

@@ -207,7 +207,7 @@ def test_unportable_networks_and_methods_are_refused(exporter_of):
 
 
 def test_a_frame_without_image_says_so(model_of, walk):
-    localizer = OnnxLocalizer(model_of("consensus"))
+    localizer = OnnxLocalizer(model_of("chain"))
     located = localizer.update(0.0, None, vio_pose(walk, 0))
     assert located.status == Status.UNLOCALIZED
     assert np.isnan(located.apr_world_from_cam.translation_m).all()

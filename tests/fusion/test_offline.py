@@ -63,7 +63,7 @@ def between_frames(walk, shift_s, rate_hz=30.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["vio-apr", "consensus"])
+@pytest.mark.parametrize("name", ["vio-apr", "chain"])
 def test_predictions_between_vio_frames_lose_nothing(name):
     apr, vio = between_frames(simulate_walk(WalkParams(duration_s=60), 1), 0.0165)
     frames = pair_frames(apr, vio)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.helpers import frames_of
 
-from vioapr.fusion.consensus import method as consensus
-from vioapr.fusion.consensus.params import ConsensusParams
+from vioapr.fusion.chain import method as chain
+from vioapr.fusion.chain.params import ChainParams
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import fuse_walks, run_steps, stack_walks
@@ -13,7 +13,7 @@ from vioapr.fusion.pairing import PairedFrames
 from vioapr.geometry import rigid
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
-WALKS = 12
+WALKS = 32
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +37,7 @@ def fuse(walks, state=None):
             f._replace(apr_sigma_m=m, apr_sigma_rad=rad)
             for f, (m, rad) in zip(frames, pairs, strict=True)
         ]
-    found = run_steps(
-        consensus.METHOD, ConsensusParams(), stack_walks([PairedFrames(f) for f in frames])
-    )
+    found = run_steps(chain.METHOD, ChainParams(), stack_walks([PairedFrames(f) for f in frames]))
     errors = [
         (rigid.distance_m(gt, pose), rigid.angle_deg(gt, pose))
         for index, walk in enumerate(walks)
@@ -47,7 +45,8 @@ def fuse(walks, state=None):
             (walk.gt.target_from_source, found.world_from_cam.at((slice(None), index)))
         ]
     ]
-    return np.mean([[np.median(m), np.median(deg)] for m, deg in errors], axis=0)
+    medians = [[np.median(m), np.median(deg)] for m, deg in errors]
+    return np.exp(np.log(medians).mean(axis=0))
 
 
 @pytest.fixture(scope="module")
@@ -81,16 +80,14 @@ def test_uninformative_sigmas_do_no_harm(walks, without, rng, spread):
 def test_sigmas_that_are_unknown_or_all_alike_change_nothing(walks, value):
     frames = frames_of(walks[0]).at(slice(0, 60))
     stated = frames._replace(apr_sigma_m=np.full(60, value), apr_sigma_rad=np.full(60, value))
-    plain, other = (run_steps(consensus.METHOD, ConsensusParams(), f) for f in (frames, stated))
+    plain, other = (run_steps(chain.METHOD, ChainParams(), f) for f in (frames, stated))
     np.testing.assert_allclose(
         other.world_from_cam.translation_m, plain.world_from_cam.translation_m, atol=1e-12
     )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [n for n, m in METHODS.items() if m.is_batched and n != "consensus"]
-)
+@pytest.mark.parametrize("name", [n for n, m in METHODS.items() if m.is_batched and n != "chain"])
 def test_other_methods_ignore_them(walks, name):
     frames = frames_of(walks[0]).at(slice(0, 40))
     stated = frames._replace(apr_sigma_m=np.arange(40.0), apr_sigma_rad=np.arange(40.0))
@@ -106,9 +103,9 @@ def test_streaming_takes_them_and_equals_the_batch(walks, rng):
     sigmas = rng.uniform(0.1, 2, 50)
     frames[0] = frames[0]._replace(apr_sigma_m=sigmas, apr_sigma_rad=0.1 * sigmas)
     # The other walk has none, and is not the worse for sharing a batch.
-    both = fuse_walks(consensus.METHOD, ConsensusParams(), [PairedFrames(f) for f in frames])
+    both = fuse_walks(chain.METHOD, ChainParams(), [PairedFrames(f) for f in frames])
     for frame, fused, stated in zip(frames, both, (sigmas, None), strict=True):
-        localizer = Localizer("consensus")
+        localizer = Localizer("chain")
         for row in range(50):
             given = {} if stated is None else {
                 "apr_sigma_m": stated[row], "apr_sigma_deg": np.rad2deg(0.1 * stated[row])

@@ -39,7 +39,7 @@ def assert_leaves_close(traced, eager):
 
 
 @pytest.mark.parametrize(
-    ("name", "states_sigmas"), [*((name, False) for name in BATCHED), ("consensus", True)]
+    ("name", "states_sigmas"), [*((name, False) for name in BATCHED), ("chain", True)]
 )
 def test_the_traced_step_equals_the_eager_one(name, states_sigmas):
     torch = pytest.importorskip("torch", reason="PyTorch is not installed")

@@ -23,13 +23,13 @@ def five_frames(offset_m: float = 0.0) -> PooledErrors:
     vio_apr = PoseErrors(
         np.array([0.1, 0.3, 0.4, 0.6, NAN]) + offset_m, np.array([1.0, 3.0, 2.0, 4.0, NAN])
     )
-    consensus = PoseErrors(np.full(5, 0.2) + offset_m, np.full(5, 1.5))
+    chain = PoseErrors(np.full(5, 0.2) + offset_m, np.full(5, 1.5))
     states = [Status.KEYFRAME] * 2 + [Status.OPTIMIZED] * 2
     status = {
         "vio-apr": np.array([*states, Status.UNLOCALIZED]),
-        "consensus": np.array([*states, Status.TRACKED]),
+        "chain": np.array([*states, Status.TRACKED]),
     }
-    return PooledErrors(raw, {"vio-apr": vio_apr, "consensus": consensus}, status)
+    return PooledErrors(raw, {"vio-apr": vio_apr, "chain": chain}, status)
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_levels_are_of_the_counted_frames(lines):
 
 
 def test_consensus_is_over_all_frames(lines):
-    line = lines[2, "all frames", "consensus", "Square"]
+    line = lines[2, "all frames", "chain", "Square"]
     assert line.fused == Pair(pytest.approx((0.2, 1.5)), None)
     assert line.share.ours == pytest.approx((100.0,))
     assert line.raw.ours == line.raw_same == pytest.approx((1.0, 9.0))
@@ -130,7 +130,7 @@ def test_text_of_a_table():
         "0.20 / 2.00", "0.68 / 2.75", "-0.48 / -0.75", "40.0", "0.20 / 2.00",
     )  # fmt: skip
     assert [section[0][0] for section in text.sections] == [
-        "keyframes", "optimized", "both", "all: vio-apr", "all: consensus",
+        "keyframes", "optimized", "both", "all: vio-apr", "all: chain",
     ]  # fmt: skip
     row = comparison_table(levels).sections[0][0]
     assert row[2:5] == ("20.0/40.0/60.0", "3.2/18.4/87.0", "+16.8/+21.6/-27.0")

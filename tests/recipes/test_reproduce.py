@@ -66,7 +66,7 @@ def test_marvin(marvin):
     for table in report.content.tables:
         of_scene = {(ln.subset, ln.method, ln.scene): ln for ln in table.lines}
         for scene in ("Square", "Church"):
-            everything = of_scene["all frames", "consensus", scene]
+            everything = of_scene["all frames", "chain", scene]
             assert everything.raw.ours is not None
             assert everything.fused.ours is not None
             assert everything.share.ours == (100.0,)

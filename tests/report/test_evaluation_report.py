@@ -167,7 +167,7 @@ def test_reliability_tables_have_a_row_a_method(page, groups):
 
 def test_sigmas_bring_a_figure_of_risk(walks_dir, tmp_path):
     cases = load_cases(find_walks([walks_dir / "SetB"]))
-    params = {"consensus": get_method("consensus").params_type()}
+    params = {"chain": get_method("chain").params_type()}
     made = group_results(evaluate_cases(cases, params))[:1]
     ticks = []
     text, parsed = write(made, tmp_path, tick=lambda: ticks.append(1))

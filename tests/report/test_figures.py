@@ -140,9 +140,9 @@ def test_an_outlier_stays_in_view(results):
 
 
 def test_other_methods_are_drawn_as_they_come(results):
-    other = dataclasses.replace(results[2], method="consensus")
+    other = dataclasses.replace(results[2], method="chain")
     drawn = lines(figures.drift_figure([other]).axes[0])
-    assert {"raw net", "consensus", "consensus: keyframe"} <= set(drawn)
+    assert {"raw net", "chain", "chain: keyframe"} <= set(drawn)
     assert "vio" not in drawn
 
 
@@ -263,9 +263,9 @@ def test_risk_grows_with_coverage_to_the_mean_error(results):
 def test_risk_is_drawn_for_methods_that_state_sigmas(groups):
     assert figures.count_figure_ticks(groups) == 3 * len(groups)
     case = groups[0].results[0].case
-    (group,) = group_results(evaluated([case], ["apr", "consensus"]))
+    (group,) = group_results(evaluated([case], ["apr", "chain"]))
     axis = figures.risk_figure(group.results).axes[0]
-    assert [text.split(":")[0] for text in legend_of(axis)] == ["consensus"]
+    assert [text.split(":")[0] for text in legend_of(axis)] == ["chain"]
     assert figures.count_figure_ticks([group]) == 4
     assert group.title in figures.caption(group, "risk")
 

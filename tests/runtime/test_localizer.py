@@ -59,7 +59,7 @@ def test_time_goes_on(localizer, time_s):
 
 
 def test_states_of_other_models_are_refused(model_of, localizer):
-    other = OnnxLocalizer(model_of("consensus"))
+    other = OnnxLocalizer(model_of("chain"))
     for one in (localizer, other):
         one.update(0.0, IMAGE, POSE)
     with pytest.raises(ContractError, match="is it of another model"):
@@ -88,7 +88,7 @@ def test_a_stored_state_goes_on_where_it_was(model_of, walk):
 def test_seconds_since_1970_do_not_lose_their_fractions(model_of, walk):
     answers = []
     for start_s in (0.0, 1.7e9):
-        localizer = OnnxLocalizer(model_of("consensus"))
+        localizer = OnnxLocalizer(model_of("chain"))
         for row, image in enumerate(images(20)):
             time_s = start_s + row / 4
             located = localizer.update(time_s, image, vio_pose(walk, row))
@@ -103,12 +103,12 @@ def test_parameters_are_those_of_the_file(model_of):
         with pytest.raises(ParameterError, match=f"{name}: expected a number from"):
             OnnxLocalizer(path, {name: value})
     with pytest.raises(ParameterError, match="votes: expected one of the file's parameters"):
-        OnnxLocalizer(path, {"votes": 3})
+        OnnxLocalizer(path, {"window": 3})
     with pytest.raises(ParameterError, match="it has none"):
-        OnnxLocalizer(model_of("consensus"), {"votes": 3})
+        OnnxLocalizer(model_of("chain"), {"window": 3})
 
 
-@pytest.mark.parametrize("name", ["vio-apr", "consensus"])
+@pytest.mark.parametrize("name", ["vio-apr", "chain"])
 def test_no_pose_without_saying_so(model_of, walk, name):
     wide = {"distance_threshold_m": 100.0, "angle_threshold_deg": 180.0}
     localizer = OnnxLocalizer(model_of(name), wide if name == "vio-apr" else None)
@@ -123,7 +123,7 @@ def test_no_pose_without_saying_so(model_of, walk, name):
     assert len(statuses) > 1
 
 
-@pytest.mark.parametrize("name", ["vio-apr", "consensus"])
+@pytest.mark.parametrize("name", ["vio-apr", "chain"])
 def test_a_state_that_overflowed_does_not_live_on(model_of, walk, name):
     localizer = OnnxLocalizer(model_of(name))
     pictures = list(images(2))

@@ -24,7 +24,7 @@ SHIPPED = Path(__file__).parents[2] / "src" / "vioapr" / "recipes" / "data" / "l
 def test_the_shipped_localizer_is_one():
     session, contract = open_session(SHIPPED, threads=1)
     require_localizer(contract, SHIPPED)
-    assert (contract.part, contract.method) == ("localizer", "consensus")
+    assert (contract.part, contract.method) == ("localizer", "chain")
     assert [value.name for value in session.get_outputs()] == list(contract.output_names)
     assert contract.regressor.scenes == ("Simulated courtyard",)
 

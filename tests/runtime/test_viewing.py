@@ -37,7 +37,7 @@ def test_the_browser_view_is_served_on_this_machine(frames, model_of):
     said = []
     view = BrowserView(frames, said.append)
     try:
-        localize(OnnxLocalizer(model_of("consensus")), frames, view.add)
+        localize(OnnxLocalizer(model_of("chain")), frames, view.add)
         (line,) = said
         url = line.removeprefix("view: ")
         assert url.startswith("http://127.0.0.1:")
@@ -56,7 +56,7 @@ def test_the_rerun_file_has_every_frame(frames, model_of, tmp_path):
 
     path = tmp_path / "walk.rrd"
     view = RerunFile(frames, path)
-    localize(OnnxLocalizer(model_of("consensus")), frames, view.add)
+    localize(OnnxLocalizer(model_of("chain")), frames, view.add)
     view.finish()
     content = path.read_bytes()
     assert content[:3] == b"RRF"

@@ -23,7 +23,7 @@ def demo(
     """Localize a walk through a courtyard from its pictures, and open the report.
 
     Pictures, tracker and a localizer for the place come with the package; docs/guide/demo.md says
-    how they were made. Compared are the raw regressor, VIO alone, the paper's method and consensus.
+    how they were made. Compared are the raw regressor, VIO alone, the paper's method and chain.
     The files are like a user's own: try the command that is printed on them, or `vioapr bench`.
 
     Args:

@@ -58,7 +58,7 @@ _HOW_TO_READ_RELIABILITY = (
 
 def evaluate(
     walks: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[FOLDER ...]")],
-    methods: str = "apr,vio,vio-apr,consensus",
+    methods: str = "apr,vio,vio-apr,chain",
     json_out: Annotated[OutputFile | None, tyro.conf.arg(name="json")] = None,
     csv_out: Annotated[OutputFile | None, tyro.conf.arg(name="csv")] = None,
     form: Format = "table",
@@ -84,7 +84,7 @@ def evaluate(
 
     Args:
         walks: Folders to search.
-        methods: Methods to run, separated by commas: apr, vio, vio-apr, consensus,
+        methods: Methods to run, separated by commas: apr, vio, vio-apr, chain,
             pose-filter, mapnet-pgo, pose-graph.
         json_out: JSON to write: the tables, and every walk's own figures.
         csv_out: CSV to write: a row a frame that has ground truth, with its pose and errors.
@@ -104,7 +104,7 @@ def evaluate(
         params: Parameters of the methods.
 
     Example:
-        vioapr evaluate walks --methods vio-apr,consensus --report report
+        vioapr evaluate walks --methods vio-apr,chain --report report
     """
     chosen = parse_methods(methods, params)
     skip = None if strict else warn_of_skipped

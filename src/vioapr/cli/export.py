@@ -37,7 +37,7 @@ def export(
     Args:
         checkpoint: What `vioapr train` wrote.
         out: ONNX file to write; with --split, the pair <name>.apr.onnx and <name>.fusion.onnx.
-        method: How to fuse: consensus or vio-apr (the paper's).
+        method: How to fuse: chain or vio-apr (the paper's).
         precision: fp32; fp16w: half-precision weights, for half the size; int8w: weights of 8
             bits, for a quarter; int8-qdq: arithmetic of 8 bits too, faster, not for Unity.
         split: Write regressor and fusion as two files, e.g. for a browser with WebGPU.

@@ -59,12 +59,12 @@ def fuse(
         out: CSV to write, a row a frame: timestamp_s,status,x,y,z,qx,qy,qz,qw and, where the
             method has them, sigma_position_m,sigma_orientation_deg. Unlocalized frames have
             nan.
-        method: How to fuse: consensus, vio-apr (the paper's), apr, vio, pose-filter,
+        method: How to fuse: chain, vio-apr (the paper's), apr, vio, pose-filter,
             mapnet-pgo or pose-graph.
         tum_out: TUM file to write too, with the localized frames.
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.
-        offline: Use the future too: the best trajectory after the walk (consensus only).
+        offline: Use the future too: the best trajectory after the walk (chain only).
         tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
             VIO is interpolated at the other predictions, where its frames are near in time.
         apr_format: Format of the predictions, if it is not recognized.
@@ -72,7 +72,7 @@ def fuse(
         apr_sigma: What the regressor states of each prediction's error, a CSV with columns
             timestamp_s,sigma_position_m,sigma_orientation_deg (default: the file beside the
             predictions whose name ends in .sigma.csv instead, if there is one). For method
-            consensus.
+            chain.
         vio_from_cam: For a tracker that gives poses of an IMU's body (VINS, OpenVINS, Basalt,
             Kimera, Aria), or images turned since: how its camera is mounted, so that vio_from_cam
             can be had. auto estimates it by the predictions; FILE holds the constant transform

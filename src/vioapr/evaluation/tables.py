@@ -131,7 +131,7 @@ def tabulate(
     return Evaluation(results, group_results(results))
 
 
-COMPARED = ("apr", "vio", "vio-apr", "consensus")
+COMPARED = ("apr", "vio", "vio-apr", "chain")
 """The methods that a localizer is compared with, in the order of the tables."""
 
 

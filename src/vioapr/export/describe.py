@@ -56,6 +56,8 @@ _FUSED_OUTPUTS = {
         TensorSpec("sigma_orientation_deg", "float32", _ONE, "per axis, deg"),
         TensorSpec("sigma_position_axes_m", "float32", (3,), "along the world's axes, m"),
         TensorSpec("sigma_orientation_axes_deg", "float32", (3,), "about the world's axes, deg"),
+        TensorSpec("localization_state", "int32", _ONE, "what to tell people: see states"),
+        TensorSpec("confidence", "float32", _ONE, "probability that the pose is the right one"),
     )
 }
 

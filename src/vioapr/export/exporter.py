@@ -73,7 +73,7 @@ class Exporter:
         """
         if not method.is_batched:
             raise ParameterError(
-                "method: expected one that runs as a graph of fixed size, such as consensus or "
+                "method: expected one that runs as a graph of fixed size, such as chain or "
                 f"vio-apr, got {method.name!r}"
             )
         # States of one regressor must not be fed to another.

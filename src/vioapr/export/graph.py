@@ -39,6 +39,8 @@ SIGMAS = (
     "sigma_orientation_deg",
     "sigma_position_axes_m",
     "sigma_orientation_axes_deg",
+    "localization_state",
+    "confidence",
 )
 """Outputs of the methods that state their uncertainty."""
 

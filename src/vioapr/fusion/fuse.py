@@ -35,7 +35,7 @@ def fuse(
         params: The method's parameters, of its `params_type`; None for the defaults.
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.
-        offline: Use the future too, for the best trajectory after the walk (consensus only).
+        offline: Use the future too, for the best trajectory after the walk (chain only).
         tolerance_s: Largest difference of timestamps between a prediction and its VIO pose, s.
             VIO is interpolated at the other predictions, where its frames are near in time.
         apr_sigmas: The sigmas of its predictions that the regressor states, if it does.

@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FormatError
 from vioapr.files.paths import AnyPath
-from vioapr.files.tables import read_headed_csv
+from vioapr.files.tables import Rows, read_headed_csv
 from vioapr.files.text import read_text, write_text
-from vioapr.fusion.types import Status
+from vioapr.fusion.types import LocalizationState, Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
 
 POSE_COLUMNS = ("timestamp_s", "status", "x", "y", "z", "qx", "qy", "qz", "qw")
 SIGMA_COLUMNS = ("sigma_position_m", "sigma_orientation_deg")
+STATE_COLUMNS = ("localization_state", "confidence")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,9 @@ class FusedWalk:
         world_from_vio: Where the tracking world lies in the map, as known when each frame
             arrived, in any view; shape (n,), NaN while unknown. None where that is not known, as
             after smoothing or of a file.
+        localization_state: Shape (n,), integers of `LocalizationState`, or None where the
+            method has none.
+        confidence: Shape (n,), probability that the pose is the right one, or None.
     """
 
     timestamp_s: NDArray[np.float64]
@@ -41,6 +45,8 @@ class FusedWalk:
     sigma_position_m: NDArray[np.float64] | None = None
     sigma_orientation_deg: NDArray[np.float64] | None = None
     world_from_vio: Rigid3 | None = None
+    localization_state: NDArray[np.integer] | None = None
+    confidence: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.timestamp_s)
@@ -60,8 +66,8 @@ class FusedWalk:
 def write_fused_csv(path: AnyPath, fused: FusedWalk, *, overwrite: bool = True) -> None:
     """Write a row a frame, with all digits; reading it gives the same numbers.
 
-    The columns are `POSE_COLUMNS`, followed by `SIGMA_COLUMNS` where the method has them. The
-    status is a label; unlocalized frames have nan.
+    The columns are `POSE_COLUMNS`, followed by `SIGMA_COLUMNS` and `STATE_COLUMNS` where the
+    method has them. Status and state are labels; unlocalized frames have nan.
 
     Raises:
         AlreadyExistsError: The file exists, without `overwrite`.
@@ -72,11 +78,16 @@ def write_fused_csv(path: AnyPath, fused: FusedWalk, *, overwrite: bool = True) 
     if fused.sigma_position_m is not None and fused.sigma_orientation_deg is not None:
         header += SIGMA_COLUMNS
         columns += [fused.sigma_position_m[:, None], fused.sigma_orientation_deg[:, None]]
+    ends = [""] * len(fused)
+    if fused.localization_state is not None and fused.confidence is not None:
+        header += STATE_COLUMNS
+        pairs = zip(fused.localization_state.tolist(), fused.confidence.tolist(), strict=True)
+        ends = [f",{LocalizationState(state).label},{sure!r}" for state, sure in pairs]
     lines = [",".join(header)]
     times, statuses = fused.timestamp_s.tolist(), fused.status.tolist()
     numbers = np.concatenate(columns, axis=1).tolist()
-    for time_s, status, row in zip(times, statuses, numbers, strict=True):
-        lines.append(",".join([repr(time_s), Status(status).label, *map(repr, row)]))
+    for time_s, status, row, end in zip(times, statuses, numbers, ends, strict=True):
+        lines.append(",".join([repr(time_s), Status(status).label, *map(repr, row)]) + end)
     write_text(path, "\n".join(lines) + "\n", overwrite=overwrite)
 
 
@@ -89,18 +100,33 @@ def read_fused_csv(path: AnyPath) -> FusedWalk:
         FormatError: A column is missing, a field is not a number, or a status is unknown.
     """
     path = Path(path)
-    has_sigmas = set(SIGMA_COLUMNS) <= set(read_text(path).partition("\n")[0].split(","))
-    columns = POSE_COLUMNS + (SIGMA_COLUMNS if has_sigmas else ())
+    there = set(read_text(path).partition("\n")[0].split(","))
+    has_sigmas, has_states = (set(more) <= there for more in (SIGMA_COLUMNS, STATE_COLUMNS))
+    columns = POSE_COLUMNS + has_sigmas * SIGMA_COLUMNS + has_states * STATE_COLUMNS
     rows = read_headed_csv(path, columns)
-    statuses = {status.label: status for status in Status}
-    for label, line in zip(rows.column(1), rows.lines, strict=True):
-        if label not in statuses:
-            raise FormatError(path, f"expected one of {', '.join(statuses)}, got {label!r}", line)
-    numbers = rows.numbers([0, *range(2, len(columns))])
-    timestamp_s, position_m, quat_xyzw, sigmas = np.split(numbers, [1, 4, 8], axis=1)
+    status_column, state_column = 1, len(columns) - 2
+    labels = (status_column, state_column) if has_states else (status_column,)
+    numbers = rows.numbers([k for k in range(len(columns)) if k not in labels])
+    timestamp_s, position_m, quat_xyzw, sigmas, confidence = np.split(
+        numbers, [1, 4, 8, 8 + 2 * has_sigmas], axis=1
+    )
     return FusedWalk(
         timestamp_s[:, 0],
         Rigid3(position_m, quat_xyzw),
-        np.array([int(statuses[label]) for label in rows.column(1)]),
+        _read_labels(path, rows, status_column, Status),
         *(sigmas.T if has_sigmas else (None, None)),
+        localization_state=(
+            _read_labels(path, rows, state_column, LocalizationState) if has_states else None
+        ),
+        confidence=confidence[:, 0] if has_states else None,
     )
+
+
+def _read_labels(
+    path: Path, rows: Rows, column: int, kind: type[Status] | type[LocalizationState]
+) -> NDArray[np.integer]:
+    numbers = {member.label: int(member) for member in kind}
+    for label, line in zip(rows.column(column), rows.lines, strict=True):
+        if label not in numbers:
+            raise FormatError(path, f"expected one of {', '.join(numbers)}, got {label!r}", line)
+    return np.array([numbers[label] for label in rows.column(column)])

@@ -76,7 +76,7 @@ class Localizer:
             tracking_reset: Whether the tracker's world is a new one since this frame.
             apr_sigma_m: The standard deviation of the predicted position per axis, in metres,
                 that the regressor states; None, NaN or not above 0 where it states none. Only
-                its ratio to the usual one matters, and to method `consensus` alone.
+                its ratio to the usual one matters, and to method `chain` alone.
             apr_sigma_deg: The same of its orientation, degrees.
 
         Returns:

@@ -8,15 +8,14 @@ from typing import Any
 from vioapr.errors import ParameterError
 from vioapr.fusion import apr, mapnet_pgo, pose_filter, pose_graph, vio, vio_apr
 from vioapr.fusion.chain import method as chain
-from vioapr.fusion.consensus import method as consensus
 from vioapr.fusion.types import Method
 
 METHODS: dict[str, Method] = {
     module.METHOD.name: module.METHOD
-    for module in (apr, vio, vio_apr, consensus, chain, pose_filter, mapnet_pgo, pose_graph)
+    for module in (apr, vio, vio_apr, chain, pose_filter, mapnet_pgo, pose_graph)
 }
 
-DEFAULT_METHOD = consensus.METHOD.name
+DEFAULT_METHOD = chain.METHOD.name
 
 
 def get_method(name: str) -> Method:

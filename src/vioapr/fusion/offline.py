@@ -138,6 +138,8 @@ def in_view(view: View, frames: PairedFrames, estimates: Estimate) -> FusedWalk:
         if estimates.sigma_orientation_deg is None
         else np.asarray(estimates.sigma_orientation_deg),
         estimates.world_from_vio,
+        None if estimates.localization_state is None else np.asarray(estimates.localization_state),
+        None if estimates.confidence is None else np.asarray(estimates.confidence),
     )
     if view == "live":
         return live

@@ -62,7 +62,7 @@ def smooth_walks(
     forwards = fuse_walks(method, params, walks, view=view, tick=tick)
     if any(walk.sigma_position_m is None for walk in forwards):
         raise ParameterError(
-            f"smoothing needs a method that states its uncertainty, like consensus; "
+            f"smoothing needs a method that states its uncertainty, like chain; "
             f"{method.name} does not"
         )
     reversed_walks = [reverse(walk) for walk in walks]
@@ -71,8 +71,12 @@ def smooth_walks(
     for forward, backward in zip(forwards, backwards, strict=True):
         in_order = tree_at(Pass.of(backward), slice(None, None, -1))
         average = average_passes(Pass.of(forward), in_order)
-        smoothed.append(replace(forward, world_from_vio=None, **average._asdict()))
+        smoothed.append(replace(forward, **_LIVE_ONLY, **average._asdict()))
     return smoothed
+
+
+_LIVE_ONLY: dict[str, None] = dict.fromkeys(("world_from_vio", "localization_state", "confidence"))
+"""What is of the moment, and has no average."""
 
 
 def reverse(walk: PairedFrames) -> PairedFrames:

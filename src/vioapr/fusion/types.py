@@ -116,7 +116,7 @@ class Estimate(NamedTuple):
             None.
         sigma_position_axes_m: Shape (..., 3), along each axis of the world, or None.
         sigma_orientation_axes_deg: Shape (..., 3), about each axis of the world, or None.
-        state: Shape (...), integers of `LocalizationState`, or None.
+        localization_state: Shape (...), integers of `LocalizationState`, or None.
         confidence: Shape (...), the probability that the pose is the right one of those that
             are possible, and its error therefore within what the sigmas say; 0 where there is
             no pose. None where the method has none.
@@ -130,7 +130,7 @@ class Estimate(NamedTuple):
     sigma_orientation_deg: Array | None = None
     sigma_position_axes_m: Array | None = None
     sigma_orientation_axes_deg: Array | None = None
-    state: Array | None = None
+    localization_state: Array | None = None
     confidence: Array | None = None
 
 

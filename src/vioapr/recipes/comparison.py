@@ -83,7 +83,7 @@ def compare_lines(
         of_scene: Our errors of those that there are.
     """
     sections = [(subset, "vio-apr") for subset in PAPER_SUBSETS]
-    sections += [(ALL_FRAMES, "vio-apr"), (ALL_FRAMES, "consensus")]
+    sections += [(ALL_FRAMES, "vio-apr"), (ALL_FRAMES, "chain")]
     for subset, method in sections:
         rows = table.rows.get(subset, {}) if method == "vio-apr" else {}
         printed = {scene: cells.get(model) for scene, cells in rows.items()}

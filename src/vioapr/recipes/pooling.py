@@ -26,7 +26,7 @@ from vioapr.geometry.tree import tree_map
 from vioapr.scene.walks import find_walks
 from vioapr.trajectory import associate
 
-METHODS = ("vio-apr", "consensus")
+METHODS = ("vio-apr", "chain")
 
 
 @dataclass(frozen=True, eq=False)

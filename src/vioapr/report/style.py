@@ -39,7 +39,7 @@ _METHOD_COLORS = {
     "pose-filter": "#56b4e9",
     "mapnet-pgo": "#e69f00",
     "pose-graph": "#cc79a7",
-    "consensus": "#222222",
+    "chain": "#222222",
 }
 _DPI = 110
 _OTHER_COLORS = ("#882255", "#999933", "#661100", "#44aa99")

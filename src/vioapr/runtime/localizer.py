@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vioapr.errors import ContractError
 from vioapr.files.paths import AnyPath
-from vioapr.fusion.types import Status
+from vioapr.fusion.types import LocalizationState, Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.runtime.session import open_session, require_localizer
 from vioapr.trajectory import UNIT_TOLERANCE
@@ -36,6 +36,8 @@ class Located(NamedTuple):
         apr_world_from_cam: The regressor's own pose; NaN for a frame without image.
         apr_sigma_position_m: The regressor's own, per axis; NaN for a frame without image.
         apr_sigma_orientation_deg: The regressor's own, per axis; NaN for a frame without image.
+        localization_state: What to tell people, or None where the method has none.
+        confidence: Probability that the pose is the right one, or None.
     """
 
     status: Status
@@ -48,6 +50,8 @@ class Located(NamedTuple):
     apr_world_from_cam: Rigid3
     apr_sigma_position_m: float
     apr_sigma_orientation_deg: float
+    localization_state: LocalizationState | None = None
+    confidence: float | None = None
 
     @classmethod
     def from_outputs(cls, outputs: dict[str, NDArray]) -> Located:
@@ -64,6 +68,7 @@ class Located(NamedTuple):
             )
         numbers = {name: float(values[0]) for name, values in outputs.items() if len(values) == 1}
         axes_m = outputs.get("sigma_position_axes_m")
+        state = numbers.get("localization_state")
         return cls(
             status,
             unflatten_pose(outputs["world_from_cam"]),
@@ -75,6 +80,8 @@ class Located(NamedTuple):
             unflatten_pose(outputs["apr_world_from_cam"]),
             numbers["apr_sigma_position_m"],
             numbers["apr_sigma_orientation_deg"],
+            None if state is None else LocalizationState(int(state)),
+            numbers.get("confidence"),
         )
 
 

@@ -174,6 +174,12 @@ class LocalizedWalk:
             np.array([int(one.status) for one in self.located]),
             *sigmas,
             world_from_vio=rigid.stack([one.world_from_vio for one in self.located]),
+            localization_state=(
+                None
+                if first.localization_state is None
+                else self._column("localization_state").astype(int)
+            ),
+            confidence=None if first.confidence is None else self._column("confidence"),
         )
 
     @property

@@ -49,10 +49,12 @@ class GoldenOutputs(Record, frozen=True, kw_only=True):
         confirmed_run: n: this and the n - 1 predictions before it are right.
         world_from_cam: The fused pose.
         world_from_vio: The tracking world in the map.
-        sigma_position_m: Per axis, m; missing where the method has none, as the next three.
+        sigma_position_m: Per axis, m; missing where the method has none, as the next five.
         sigma_orientation_deg: Per axis, deg.
         sigma_position_axes_m: Along the world's axes, m.
         sigma_orientation_axes_deg: About the world's axes, deg.
+        localization_state: What to tell people: see the contract's localization states.
+        confidence: Probability that the pose is the right one.
     """
 
     status: Annotated[int, Meta(ge=0)]
@@ -63,6 +65,8 @@ class GoldenOutputs(Record, frozen=True, kw_only=True):
     sigma_orientation_deg: One | UnsetType = UNSET
     sigma_position_axes_m: Axes | UnsetType = UNSET
     sigma_orientation_axes_deg: Axes | UnsetType = UNSET
+    localization_state: Annotated[int, Meta(ge=0)] | UnsetType = UNSET
+    confidence: One | UnsetType = UNSET
 
 
 class GoldenFrame(Record, frozen=True):

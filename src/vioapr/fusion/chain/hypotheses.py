@@ -31,6 +31,9 @@ EVIDENCE_AFTER_LOSS = 3.0
 _LEAST_LEAD = 0.5
 """Evidence by which the challenger has to be ahead."""
 
+_CONFIRMED = 1.2
+"""More than one prediction gives."""
+
 _WEAK = 1.0
 """A challenger with no more evidence than that gives way to a new one."""
 
@@ -158,11 +161,16 @@ class Hypotheses(NamedTuple):
         begun = Hypotheses(first[..., None, :, :] + 0 * self.rows, xp.zeros_like(self.path))
         return tree_map(lambda a, b: xp.where(starts, a, b), begun, kept)
 
-    def overtake(self) -> tuple[Hypotheses, Mask]:
-        """In order of evidence; and whether the challenger leads now, shape (..., 1, 1, 1)."""
+    def overtake(self, is_known: Mask) -> tuple[Hypotheses, Mask]:
+        """In order of evidence; and whether the challenger leads now, shape (..., 1, 1, 1).
+
+        Args:
+            is_known: Whether there is a leader at all, shape (..., 1, 1, 1): if so, the
+                prediction at which the challenger began is not enough.
+        """
         xp = namespace(self.rows)
-        evidence = self.evidence
-        swaps = evidence[..., 1:, :, :] > evidence[..., :1, :, :] + _LEAST_LEAD
+        leader, other = self.evidence[..., :1, :, :], self.evidence[..., 1:, :, :]
+        swaps = (other > leader + _LEAST_LEAD) & ((other > _CONFIRMED) | ~is_known)
         if holds_nowhere(swaps):
             return self, swaps
         return tree_map(lambda part: xp.where(swaps, xp.flip(part, axis=-3), part), self), swaps

@@ -218,7 +218,7 @@ def _learn(
     """From what `learn` gathers, for rows of walks."""
     excess = _excess(values, shares, noise, drifts, ages)
     rows, is_valid, ages, values, excess = (
-        part[..., :_JUDGED] for part in (rows, is_valid, ages, values, excess)
+        part[..., : min(_JUDGED, part.shape[-1])] for part in (rows, is_valid, ages, values, excess)
     )
     window = Window(rows, is_valid)
     length_m = _ERROR_LENGTH_M + _ERROR_LENGTH_PER_M * noise[..., 1:, :]

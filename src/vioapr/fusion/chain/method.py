@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from vioapr.fusion.chain.odometer import Odometer, new_odometer
 from vioapr.fusion.chain.params import ChainParams
 from vioapr.fusion.chain.residuals import residuals_of
 from vioapr.fusion.chain.smoothing import Problem, Solution, solve
-from vioapr.fusion.chain.stated import Usual, nothing_usual
+from vioapr.fusion.chain.stated import VETO, Usual, nothing_usual
 from vioapr.fusion.chain.sums import largest, largest_of_three, squared_lengths, to_axes, total
 from vioapr.fusion.chain.views import VIEW_RAD, view_kernel, view_length_m, view_shares
 from vioapr.fusion.chain.window import (
@@ -49,6 +50,7 @@ from vioapr.geometry.arrays import (
     namespace,
     select,
 )
+from vioapr.geometry.tree import Tree, tree_map
 
 _NOVELTY = 0.8
 """Distance of views, in correlation lengths, from which an older prediction is worth keeping."""
@@ -138,14 +140,11 @@ def step(params: ChainParams, state: ChainState, frame: FrameInput) -> tuple[Cha
     return state, answer(params, known, is_used, vio_from_cam, frame)
 
 
-def _select_state(condition: Mask, if_true: Any, if_false: Any) -> Any:
-    """Elementwise choice between states: nested tuples of arrays."""
+def _select_state(condition: Mask, if_true: Tree, if_false: Tree) -> Tree:
+    """Elementwise choice between states."""
     if if_true is if_false or holds_everywhere(condition):
         return if_true
-    if not isinstance(if_true, tuple):
-        return select(condition, if_true, if_false)
-    parts = (_select_state(condition, a, b) for a, b in zip(if_true, if_false, strict=True))
-    return type(if_true)(*parts)
+    return tree_map(partial(select, condition), if_true, if_false)
 
 
 def _follow_tracker(state: ChainState, frame: FrameInput, vio_from_cam: Array) -> ChainState:
@@ -177,6 +176,7 @@ class Arrival(NamedTuple):
         matrices: Rotations of world_from_vio by both hypotheses, shape (..., 2, 3, 3).
         expected_m: The places that they expect, shape (..., 2, 3, 1).
         surprises: Squared distances from them, rad^2 and m^2, shape (..., 2, 2, 1).
+        is_veto: Whether it states not to be one, shape (..., 1, 1).
     """
 
     row: Array
@@ -184,6 +184,7 @@ class Arrival(NamedTuple):
     matrices: Array
     expected_m: Array
     surprises: Array
+    is_veto: Mask
 
 
 def _receive(state: ChainState, frame: FrameInput) -> tuple[Arrival, Usual, Mask]:
@@ -201,8 +202,8 @@ def _receive(state: ChainState, frame: FrameInput) -> tuple[Arrival, Usual, Mask
     usual, stated, is_veto = state.usual.weigh(frame, leading / (noise * noise))
     # The same numbers once more are a regressor that hangs, and say nothing new.
     is_news = xp.any(place_m != state.window.place_m[..., :1], axis=-2, keepdims=True)
-    has_say = (is_news | ~state.is_known) & ~is_veto
-    return Arrival(row, stated, matrices, expected_m, surprises), usual, has_say[..., 0, 0]
+    has_say = is_news | ~state.is_known
+    return Arrival(row, stated, matrices, expected_m, surprises, is_veto), usual, has_say[..., 0, 0]
 
 
 def _weigh(params: ChainParams, state: ChainState, arrival: Arrival) -> ChainState:
@@ -211,10 +212,10 @@ def _weigh(params: ChainParams, state: ChainState, arrival: Arrival) -> ChainSta
     xp = namespace(arrival.row)
     drift = _drift(params, trust.noise, trust.rates)
     length_m = view_length_m(trust.scatter[..., 1:, :])
-    moves = state.window.moving(length_m, VIEW_RAD, _NOVELTY)
+    moves = state.window.moving(length_m, VIEW_RAD, _NOVELTY, VETO)
     window = state.window.push(arrival.row, arrival.stated, moves)
     kernel = view_kernel(window, length_m)
-    newness = 1 / total(kernel[..., :1, : RECENT + 2])
+    newness = xp.where(arrival.is_veto, 0.0, 1 / total(kernel[..., :1, : RECENT + 2]))
     shares = window.is_valid
     if params.view_weights:
         per_noise = drift[..., 2:, :] / (trust.scatter[..., 1:, :] * trust.scatter[..., 1:, :])
@@ -275,12 +276,12 @@ def _weigh_hypotheses(
         *last.support(fit, new),
         *compare_motion(last, window, problem.residuals.ways_m, scatter_m, new),
     )
-    fits = (distance2 < 1) | (not params.hypotheses)
+    fits = (distance2 < 1) | arrival.is_veto[..., None, :, :] | (not params.hypotheses)
     own = to_axes(1 / (trust.scatter * trust.scatter))
     first = beginning(arrival.row[..., :4, :], window.place_m[..., :1], own)
     both = Hypotheses(rows, solution.path - newest)
     both = both.challenge(fits & is_known, problem.gates, first)
-    both, swaps = both.overtake()
+    both, swaps = both.overtake(is_known)
     # Predictions that speak for what was left are no longer asked.
     speaks = solution.is_near[..., 1, :, :] | ~swaps[..., 0, :, :]
     newest_only = constant(is_among_newest(window.is_valid.shape[-1], 1), newness) > 0

@@ -17,6 +17,9 @@ _REST_M_PER_S, _LOST_M_PER_S = 0.01, 1.0
 """Metres of motion that a second counts as: trackers drift at rest too, and who walks on while
 the tracker is lost may come back displaced by that."""
 
+_PAUSE_S = 2.0
+"""Between frames; a longer one is as if the tracker was lost."""
+
 _SUDDEN_M_PER_S, _SUDDEN_FACTOR, _SUDDEN_M = 2.5, 3.0, 0.5
 """A step is a jump of the tracker if it is longer than this speed and this multiple of the
 usual speed account for, by this length."""
@@ -75,7 +78,8 @@ class Odometer(NamedTuple):
         jumps = (distance > longest) | (turn > _SUDDEN_RAD_PER_S * seconds + _SUDDEN_RAD)
         # Nothing of a step that jumped can be trusted, neither its way nor its turn.
         jump = xp.astype(jumps, pose.dtype)
-        unseen = _REST_M_PER_S + _LOST_M_PER_S * xp.astype(self.is_lost, pose.dtype)
+        is_unseen = self.is_lost | (seconds > _PAUSE_S)
+        unseen = _REST_M_PER_S + _LOST_M_PER_S * xp.astype(is_unseen, pose.dtype)
         moved = distance + _TURN_RADIUS_M * turn + unseen * seconds
         step = xp.concat([moved, jump * turn**2, jump * distance**2], axis=-2)
         speed = _usual_speed(self.speed_m_s, seconds, xp.minimum(distance, longest))

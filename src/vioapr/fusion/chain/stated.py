@@ -3,8 +3,8 @@
 Only ratios count: a prediction's stated variance over the usual one. A regressor that understates
 all of its errors by a factor is taken as one that states them rightly. And the ratios count only
 as far as they prove to say something: predictions that are stated to be worse than usual have to
-fall farther from where the estimates before them expect the camera. What is stated to be several
-times worse than usual has no say at all.
+fall farther from where the estimates before them expect the camera. What is stated to be ten times
+worse than usual speaks neither for nor against a hypothesis, and begins none.
 """
 
 from __future__ import annotations
@@ -16,15 +16,18 @@ import numpy as np
 from vioapr.fusion.types import FrameInput
 from vioapr.geometry.arrays import Array, Mask, namespace, zeros
 
-_MEMORY = 0.02
+_MEMORY, _MEMORY_OF_VETO = 0.02, 0.005
 """Least weight of a new prediction in the usual sigma."""
 
 _MOST_CHANGE = 1.0
 """Of a logarithm, that the usual one follows at that rate."""
 
-_LEAST, _MOST = 1 / 9, 9.0
-"""Of the ratios of variances: nobody is believed to be more than three times as exact as usual,
-and who states to be more than three times worse is believed."""
+_LEAST, _MOST = 1 / 9, 1e6
+"""Of the ratios of variances: nobody is believed to be more than three times as exact as usual."""
+
+VETO = 100.0
+"""Ratio from which on a prediction has no say about where the place is: whoever states to be ten
+times worse than usual is believed at once."""
 
 _RECALL = 0.98
 """Share of the evidence that is kept from prediction to prediction."""
@@ -41,13 +44,13 @@ class Usual(NamedTuple):
 
     Attributes:
         log_sigma: Running mean of the logarithm, of rad and m.
-        count: How often something was stated.
+        stated_times: How often something was stated.
         evidence: Logarithm of how much likelier the recent predictions' distances from what was
             expected are with the stated ratios than without.
     """
 
     log_sigma: Array
-    count: Array
+    stated_times: Array
     evidence: Array
 
     def weigh(self, frame: FrameInput, surprise: Array) -> tuple[Usual, Array, Mask]:
@@ -60,28 +63,31 @@ class Usual(NamedTuple):
             surprise: The prediction's squared distance from what was expected, in units of the
                 usual one per axis; not above 0 where nothing was, shape (..., 2, 1).
         """
-        xp = namespace(self.count)
+        xp = namespace(self.stated_times)
         if frame.apr_sigma_m is None and frame.apr_sigma_rad is None:
-            nobody = xp.zeros_like(self.count[..., :1, :]) > 0
-            return self, xp.ones_like(self.count), nobody
+            nobody = xp.zeros_like(self.stated_times[..., :1, :]) > 0
+            return self, xp.ones_like(self.stated_times), nobody
         nothing = xp.zeros_like(frame.timestamp_s)
         stated = (frame.apr_sigma_rad, frame.apr_sigma_m)
         sigma = xp.stack([nothing if s is None else s for s in stated], axis=-1)[..., None]
         is_known = (sigma > 0) & (sigma < _LONGEST)
         log_sigma = xp.log(xp.where(is_known, sigma, 1.0))
-        count = self.count + xp.astype(is_known, self.count.dtype)
-        rate = xp.maximum(1 / xp.maximum(count, 1.0), _MEMORY)
-        last = xp.where(self.count > 0, self.log_sigma, log_sigma)
+        count = self.stated_times + xp.astype(is_known, self.stated_times.dtype)
+        last = xp.where(self.stated_times > 0, self.log_sigma, log_sigma)
+        log_ratio = xp.where(is_known, 2 * (log_sigma - last), 0.0)
+        is_veto = xp.max(log_ratio, axis=-2, keepdims=True) > float(np.log(VETO))
         # Whoever says for a while to know nothing does not thereby make that the usual thing.
+        memory = xp.where(is_veto, _MEMORY_OF_VETO, _MEMORY + xp.zeros_like(log_sigma))
+        rate = xp.maximum(1 / xp.maximum(count, 1.0), memory)
         change = xp.minimum(xp.maximum(log_sigma - last, -_MOST_CHANGE), _MOST_CHANGE)
         usual = last + xp.where(is_known, rate * change, 0.0)
         log_ratio = xp.where(is_known, 2 * (log_sigma - usual), 0.0)
-        is_veto = xp.max(log_ratio, axis=-2, keepdims=True) > float(np.log(_MOST))
         least, most = np.log([_LEAST, _MOST]).tolist()
         ratio = xp.exp(xp.minimum(xp.maximum(log_ratio, least), most))
         evidence = _RECALL * self.evidence + _gain(ratio, surprise)
         known = Usual(usual, count, xp.where(is_known, evidence, self.evidence))
         belief = 1 / (1 + xp.exp(_PRIOR - known.evidence))
+        belief = xp.where(is_veto, 1.0, belief)
         return known, 1 + belief * (ratio - 1), is_veto
 
 

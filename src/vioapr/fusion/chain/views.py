@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 
+from vioapr.fusion.chain.sums import total
 from vioapr.fusion.chain.window import Window
 from vioapr.geometry.arrays import Array, constant, namespace
 
@@ -75,5 +76,5 @@ def view_shares(window: Window, kernel: Array, drift: Array) -> Array:
     xp = namespace(kernel)
     way = window.odometer[..., :1, :]
     apart = xp.abs(way.mT - way)
-    density = xp.sum(kernel / (1 + drift * apart), axis=-2, keepdims=True)
+    density = total(kernel / (1 + drift * apart)).mT
     return window.is_valid / xp.maximum(density, 1.0)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vioapr.fusion.chain.columns import compare
+from vioapr.fusion.chain.sums import largest
 from vioapr.geometry.arrays import Array, Mask, constant, namespace, zeros
 
 RECENT = 3
@@ -96,7 +97,7 @@ class Window(NamedTuple):
         row = xp.concat([prediction, stated], axis=-2)
         return Window(pushed(self.rows, row, moves), pushed(self.is_valid, first, moves))
 
-    def moving(self, length_m: Array, length_rad: float, distance: float) -> Mask:
+    def moving(self, length_m: Array, length_rad: float, distance: float, worst: float) -> Mask:
         """The places whose content moves on by one for a new prediction, shape (..., 1, n).
 
         The recent ones always do. The older ones do if the oldest recent one's view is new
@@ -106,6 +107,7 @@ class Window(NamedTuple):
             length_m: Motion after which a view is another one, shape (..., 1, 1).
             length_rad: Turn after which it is.
             distance: In these lengths, from which on it is worth keeping.
+            worst: Stated variance over the usual one, from which on it is not.
         """
         leaving, kept = self.rows[..., RECENT - 1 : RECENT], self.rows[..., RECENT : RECENT + 1]
         moved = leaving[..., _VIO_VIEW, :] - kept[..., _VIO_VIEW, :]
@@ -114,6 +116,7 @@ class Window(NamedTuple):
         is_valid = self.is_valid > 0
         is_first = ~is_valid[..., RECENT : RECENT + 1]
         is_novel = (is_first | (gap2 > distance**2)) & is_valid[..., RECENT - 1 : RECENT]
+        is_novel = is_novel & (largest(leaving[..., _STATED, :]) < worst)
         return is_novel | (constant(is_among_newest(is_valid.shape[-1], RECENT), moved) > 0)
 
 

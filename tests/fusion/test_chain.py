@@ -4,11 +4,11 @@ from tests.helpers import convert_frames, frames_of, to_numpy
 
 from vioapr.errors import ParameterError
 from vioapr.fusion import vio_apr
-from vioapr.fusion.consensus import method as consensus
-from vioapr.fusion.consensus.params import ConsensusParams
+from vioapr.fusion.chain import method as chain
+from vioapr.fusion.chain.params import ChainParams
 from vioapr.fusion.localizer import Localizer
 from vioapr.fusion.offline import run_steps
-from vioapr.fusion.types import FrameInput, Status
+from vioapr.fusion.types import FrameInput, LocalizationState, Status
 from vioapr.fusion.vio_apr import VioAprParams
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
@@ -17,7 +17,7 @@ from vioapr.simulation.trackers import NO_TRACKER_ERRORS, TrackerErrors
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 EXACT = WalkParams(duration_s=30, tracker=NO_TRACKER_ERRORS, regressor=NO_REGRESSOR_ERRORS)
-SMALL = ConsensusParams(votes=12)
+SMALL = ChainParams(window=12)
 GRAVITIES = ("auto", "known", "estimate", "none")
 
 
@@ -28,11 +28,11 @@ def walk():
 
 @pytest.fixture(scope="module")
 def estimates(walk):
-    return run_steps(consensus.METHOD, ConsensusParams(), frames_of(walk))
+    return run_steps(chain.METHOD, ChainParams(), frames_of(walk))
 
 
 def run(frames, **params):
-    return run_steps(consensus.METHOD, ConsensusParams(**params), frames)
+    return run_steps(chain.METHOD, ChainParams(**params), frames)
 
 
 def errors_m(walk, estimates):
@@ -60,14 +60,17 @@ def test_exact_inputs_give_exact_poses_from_the_first_frame(gravity):
     assert errors_deg(walk, found).max() < 1e-4
 
 
-def test_it_answers_every_frame_better_than_the_paper_and_raw(walk, estimates):
-    ours = errors_m(walk, estimates)
-    raw = rigid.distance_m(walk.gt.target_from_source, walk.apr.target_from_source)
-    paper = errors_m(walk, run_steps(vio_apr.METHOD, VioAprParams(), frames_of(walk)))
-    assert np.isfinite(ours).all()
-    assert np.median(ours) < 0.7 * np.nanmedian(paper)
-    assert np.median(ours) < 0.7 * np.median(raw)
-    assert np.percentile(ours, 95) < 0.5 * np.percentile(raw, 95)
+def test_it_answers_every_frame_better_than_the_paper_and_raw():
+    ratios = []
+    for seed in range(8, 14):
+        walk = simulate_walk(WalkParams(), seed)
+        ours = errors_m(walk, run(frames_of(walk)))
+        raw = rigid.distance_m(walk.gt.target_from_source, walk.apr.target_from_source)
+        paper = errors_m(walk, run_steps(vio_apr.METHOD, VioAprParams(), frames_of(walk)))
+        assert np.isfinite(ours).all()
+        assert np.percentile(ours, 95) < 0.5 * np.percentile(raw, 95)
+        ratios.append([np.median(ours) / np.nanmedian(paper), np.median(ours) / np.median(raw)])
+    assert (np.exp(np.log(ratios).mean(axis=0)) < 0.7).all()
 
 
 def test_sigmas_are_of_the_size_of_the_errors(walk, estimates):
@@ -108,12 +111,19 @@ def test_a_lookalike_place_for_thirty_frames_is_not_believed(walk):
 @pytest.mark.slow
 def test_odometry_that_cannot_be_trusted_is_not():
     """A tracker that drifts as fast as it moves, and predictions that err as usual."""
-    walk = simulate_walk(WalkParams(tracker=TrackerErrors(step_noise_m=1.0)), seed=2)
-    frames = frames_of(walk)
-    raw = rigid.distance_m(walk.gt.target_from_source, walk.apr.target_from_source)
-    rigidly = run(frames, estimate_drift=False)
-    assert np.median(errors_m(walk, run(frames))) < 1.05 * np.median(raw)
-    assert np.median(errors_m(walk, run(frames))) < 0.7 * np.median(errors_m(walk, rigidly))
+    ratios = []
+    for seed in range(6):
+        walk = simulate_walk(WalkParams(tracker=TrackerErrors(step_noise_m=1.0)), seed)
+        frames = frames_of(walk)
+        raw = rigid.distance_m(walk.gt.target_from_source, walk.apr.target_from_source)
+        ours, rigidly = (errors_m(walk, run(frames, estimate_drift=d)) for d in (True, False))
+        # It also says rather nothing where motion and predictions contradict each other.
+        assert np.isfinite(ours).mean() > 0.6
+        medians = [np.nanmedian(ours)] * 2
+        ratios.append(medians / np.array([np.median(raw), np.nanmedian(rigidly)]))
+    to_raw, to_rigid = np.exp(np.log(ratios).mean(axis=0))
+    assert to_raw < 1.5
+    assert to_rigid < 0.8
 
 
 @pytest.mark.slow
@@ -139,36 +149,62 @@ def test_a_tilted_map_is_found_where_the_tracker_knows_up(walk):
     gt = tilt @ walk.gt.target_from_source
     medians = {
         gravity: np.median(rigid.angle_deg(gt, run(frames, gravity=gravity).world_from_cam)[40:])
-        for gravity in ("estimate", "none", "known")
+        for gravity in ("estimate", "none")
     }
     assert medians["estimate"] < 2
-    assert medians["estimate"] < medians["none"] < medians["known"]
+    assert medians["estimate"] < medians["none"]
+    # Whoever is told that both know up, and sees that they do not agree, gives no answer.
+    told = run(frames, gravity="known")
+    assert (told.localization_state[40:] != LocalizationState.LOCALIZED).mean() > 0.9
 
 
 @pytest.mark.slow
 def test_known_gravity_keeps_the_tracker_upright(walk):
     found = run(frames_of(walk), gravity="known")
     up = quaternion.rotate(found.world_from_vio.quat_xyzw, np.array([0.0, 1.0, 0.0]))
-    np.testing.assert_allclose(up, np.broadcast_to([0.0, 0.0, 1.0], up.shape), atol=1e-9)
-    assert (found.sigma_orientation_axes_deg[:, 0] < found.sigma_orientation_axes_deg[:, 2]).all()
+    level = np.broadcast_to([0.0, 0.0, 1.0], up.shape)
+    np.testing.assert_allclose(up[5:], level[5:], atol=3 * 0.004)  # of a phone's gravity
+    sigmas = found.sigma_orientation_axes_deg[5:]
+    assert (sigmas[:, 0] < sigmas[:, 2]).all()
 
 
-def test_lost_tracking_starts_again_and_raw_predictions_fill_in(walk):
-    localizer = Localizer("consensus")
+def test_a_loss_of_tracking_keeps_what_was_known_and_verifies_it(walk):
+    localizer = Localizer("chain")
     for row in range(30):
         apr, vio = (t.target_from_source.at(row) for t in (walk.apr, walk.vio))
         is_lost = row == 20
-        estimate = localizer.update(row, apr, vio, tracking_ok=not is_lost)
-        assert estimate.status == (Status.PREDICTED if is_lost else Status.OPTIMIZED)
+        before = localizer.update(row / 2, apr, vio, tracking_ok=not is_lost)
+        assert before.status == (Status.PREDICTED if is_lost else Status.OPTIMIZED)
         if is_lost:
-            np.testing.assert_array_equal(estimate.world_from_cam.translation_m, apr.translation_m)
-    nothing = localizer.update(40.0, None, None)
-    assert nothing.status == Status.UNLOCALIZED
-    assert np.isnan(nothing.sigma_position_m)
+            np.testing.assert_array_equal(before.world_from_cam.translation_m, apr.translation_m)
+            assert before.localization_state == LocalizationState.LOST
+        if row == 19:
+            assert before.localization_state == LocalizationState.LOCALIZED
+            known = before
+        if row == 21:
+            moved = rigid.distance_m(before.world_from_vio, known.world_from_vio)
+            assert moved < 1.0
+    back = localizer.update(40.0, None, walk.vio.target_from_source.at(30))
+    assert back.status == Status.TRACKED
+    assert back.sigma_position_m > before.sigma_position_m  # after a pause of 25 s
+    lost = localizer.update(41.0, None, None)
+    assert lost.status == Status.UNLOCALIZED
+    assert np.isnan(lost.sigma_position_m)
+
+
+def test_a_reset_forgets_even_if_it_is_reported_while_lost(walk):
+    localizer = Localizer("chain")
+    for row in range(20):
+        apr, vio = (t.target_from_source.at(row) for t in (walk.apr, walk.vio))
+        localizer.update(row / 2, apr, vio)
+    localizer.update(10.2, None, None, tracking_reset=True)
+    new_world = localizer.update(10.5, None, walk.vio.target_from_source.at(21))
+    assert new_world.status == Status.UNLOCALIZED
+    assert new_world.localization_state == LocalizationState.SEARCHING
 
 
 def test_frames_without_predictions_are_tracked_and_grow_less_sure(walk):
-    localizer = Localizer("consensus")
+    localizer = Localizer("chain")
     sigmas = []
     for row in range(60):
         vio = walk.vio.target_from_source.at(row)
@@ -217,12 +253,12 @@ def test_batches_and_backends_agree(batch, backend):
             for column in list(zip(*alone, strict=True))[:6]
         )
     )
-    numpy = run_steps(consensus.METHOD, SMALL, frames)
-    other = run_steps(consensus.METHOD, SMALL, convert_frames(frames, xp))
+    numpy = run_steps(chain.METHOD, SMALL, frames)
+    other = run_steps(chain.METHOD, SMALL, convert_frames(frames, xp))
     np.testing.assert_array_equal(numpy.status, to_numpy(other.status))
     for ours, theirs in zip(numpy.world_from_cam, other.world_from_cam, strict=True):
         np.testing.assert_allclose(ours, to_numpy(theirs), atol=1e-9)
-    first = run_steps(consensus.METHOD, SMALL, alone[0])
+    first = run_steps(chain.METHOD, SMALL, alone[0])
     flat = numpy.world_from_cam.translation_m.reshape(30, -1, 3)[:, 0]
     np.testing.assert_allclose(flat, first.world_from_cam.translation_m, atol=1e-9)
 
@@ -230,12 +266,12 @@ def test_batches_and_backends_agree(batch, backend):
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"votes": 3}, "--votes: expected a whole number of more than 3, got 3"),
-        ({"votes": 8.5}, "--votes: expected a whole number of more than 3, got 8.5"),
+        ({"window": 3}, "--window: expected a whole number of more than 3, got 3"),
+        ({"window": 8.5}, "--window: expected a whole number of more than 3, got 8.5"),
         ({"drift_prior": -1.0}, "--drift-prior: .* got -1.0"),
         ({"gravity": "maybe"}, "--gravity: expected one of auto, known, .* got 'maybe'"),
     ],
 )
 def test_bad_parameters_are_refused(kwargs, message):
     with pytest.raises(ParameterError, match=message):
-        ConsensusParams(**kwargs)
+        ChainParams(**kwargs)

@@ -1,6 +1,6 @@
-"""Method `consensus` against its goals; writes its sections of docs/results/accuracy.md.
+"""Method `chain` against its goals; writes its sections of docs/results/accuracy.md.
 
-    VIOAPR_DATA=... python benchmarks/consensus.py [--json FILE] [--update-docs]
+    VIOAPR_DATA=... python benchmarks/chain.py [--json FILE] [--update-docs]
 
 Four tables over the benchmark of real predictions, on all frames with ground truth, prediction
 and tracking, as means over walks of each walk's own figures: ratios to the other methods in the
@@ -24,7 +24,7 @@ from scipy import stats
 from vioapr.cli.console import progress
 from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import Result, count_ticks, evaluate_cases
-from vioapr.fusion.consensus.params import ConsensusParams
+from vioapr.fusion.chain.params import ChainParams
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import fuse_walks
@@ -90,7 +90,7 @@ def in_batches(
 
 def run_consensus(cases: Sequence[Case], **params: Any) -> list[FusedWalk]:
     """Fuse all cases."""
-    method, chosen = METHODS["consensus"], ConsensusParams(**params)
+    method, chosen = METHODS["chain"], ChainParams(**params)
     return in_batches(
         cases,
         lambda part: fuse_walks(method, chosen, [case.frames for case in part], view="live"),
@@ -241,7 +241,7 @@ def risk_table(
         inputs = case.frames.inputs
         counted = case.has_gt & inputs.has_apr & inputs.tracking_ok
         if walk.sigma_position_m is None:
-            raise AssertionError("consensus states its uncertainty")
+            raise AssertionError("chain states its uncertainty")
         order = np.argsort(walk.sigma_position_m[counted], kind="stable")
         error = errors_of(case, walk)[0][order]
         curve = [float(error[: max(1, len(error) * share // 100)].mean()) for share in SHARES]
@@ -271,7 +271,7 @@ def risk_table(
 
 def smoothing_table(cases: Sequence[Case], causal: Sequence[FusedWalk]) -> tuple[str, dict]:
     """The smoother's errors over the causal ones."""
-    method, params = METHODS["consensus"], ConsensusParams()
+    method, params = METHODS["chain"], ChainParams()
     smooth = in_batches(
         cases, lambda part: smooth_walks(method, params, [case.frames for case in part])
     )
