@@ -2,6 +2,7 @@
 
     python benchmarks/regressors.py courtyard FOLDER --models mobile   # simulates and trains
     python scripts/make_demo.py FOLDER
+    python scripts/make_demo.py --fusion-only   # the same network with today's fusion
 
 Writes src/vioapr/recipes/data; docs/guide/demo.md says more.
 """
@@ -16,6 +17,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from vioapr.cli.main import main as vioapr
+from vioapr.export.refit import replace_fusion
+from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.recipes.demo import ARCHIVE_FILE, LOCALIZER_FILE, RECORDING, SCENE_FOLDER, pack_folder
 from vioapr.scene.scene import Scene
 
@@ -38,9 +41,18 @@ def copy_scene(scene: Scene, folder: Path) -> None:
 def main() -> None:
     """Replace the shipped files."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], allow_abbrev=False)
-    parser.add_argument("folder", type=Path, help="what benchmarks/regressors.py left")
-    folder = parser.parse_args().folder
+    parser.add_argument("folder", type=Path, nargs="?", help="what benchmarks/regressors.py left")
+    parser.add_argument("--fusion-only", action="store_true", help="keep network and walk")
+    given = parser.parse_args()
     archive, localizer = PACKAGE / ARCHIVE_FILE, PACKAGE / LOCALIZER_FILE
+    if given.fusion_only:
+        method = get_method(DEFAULT_METHOD)
+        refit = replace_fusion(localizer.read_bytes(), method, method.params_type())
+        localizer.write_bytes(refit.content)
+        return
+    if given.folder is None:
+        parser.error("expected a folder, or --fusion-only")
+    folder = given.folder
     with TemporaryDirectory() as temporary:
         shipped = Path(temporary) / SCENE_FOLDER
         copy_scene(Scene.open(folder / "courtyard"), shipped)

@@ -154,13 +154,23 @@ class Exporter:
         return change_precision(self._traced_network, precision, calibration)
 
     @cached_property
-    def _traced_fusion(self) -> onnx.ModelProto:
-        return trace(self.fusion, example_inputs(self.fusion), self._fused_names)
+    def _fusion_and_names(self) -> tuple[onnx.ModelProto, tuple[str, ...]]:
+        return trace_fusion(self.fusion)
 
-    @cached_property
+    @property
+    def _traced_fusion(self) -> onnx.ModelProto:
+        return self._fusion_and_names[0]
+
+    @property
     def _fused_names(self) -> tuple[str, ...]:
-        with torch.no_grad():
-            return tuple(self.fusion(*example_inputs(self.fusion).values()))
+        return self._fusion_and_names[1]
+
+
+def trace_fusion(fusion: FusionGraph) -> tuple[onnx.ModelProto, tuple[str, ...]]:
+    """A fusion step as a graph of its own, and the names of its outputs in order."""
+    with torch.no_grad():
+        names = tuple(fusion(*example_inputs(fusion).values()))
+    return trace(fusion, example_inputs(fusion), names), names
 
 
 def example_inputs(fusion: FusionGraph) -> dict[str, Tensor]:
