@@ -128,7 +128,7 @@ def compare_motion(
         window: Past predictions.
         ways_m: The tracker's ways since, in the world, shape (..., 2, 3, n).
         scatter_m: Typical residual per axis, shape (..., 1, 1).
-        newness: Share of the newest prediction that is new, shape (..., 1, 1, 1).
+        newness: Share of the newest prediction that is new and fits, shape (..., 2, 1, 1).
     """
     xp = namespace(ways_m)
     way2 = squared_length(ways_m)

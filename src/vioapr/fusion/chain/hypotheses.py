@@ -43,7 +43,8 @@ _SAME = 0.25
 _AGREEMENT_MEMORY = 0.1
 """Weight of a new prediction in the mean of how well predictions fit."""
 
-_FIRST_AGREEMENT = 0.5
+_FIRST_AGREEMENT, _LEADING_AGREEMENT = 0.1, 0.5
+"""Of a challenger that has begun, and at least of one that has come to lead."""
 
 _TURN, _PLACE, _PRECISION = slice(0, 4), slice(4, 7), slice(7, 13)
 _DEPTH, _EVIDENCE, _AGREEMENT = slice(13, 14), slice(14, 15), slice(15, 16)
@@ -112,11 +113,13 @@ class Hypotheses(NamedTuple):
 
     @property
     def other_share(self) -> Array:
-        """Probability that the challenger is right and not the leader, shape (..., 1, 1)."""
-        xp = namespace(self.rows)
-        leading, other = self.evidence[..., 0, :, :], self.evidence[..., 1, :, :]
-        odds = xp.exp(xp.minimum((other - leading) / 2, 0.0))
-        return xp.astype(other > _LEAST_LEAD, odds.dtype) * odds / (1 + odds)
+        """Probability that the challenger is right and not the leader, shape (..., 1, 1).
+
+        By how many predictions fit the one and the other, beyond that at which it began.
+        """
+        leading, other = self.agreement[..., 0, :, :], self.agreement[..., 1, :, :]
+        other = namespace(other).maximum(other - _FIRST_AGREEMENT, 0.0)
+        return other / (leading + other + 1e-6)
 
     def support(self, fit: Array, newness: Array) -> tuple[Array, Array]:
         """Evidence and agreement with a prediction, shapes (..., 2, 1, 1).
@@ -153,7 +156,7 @@ class Hypotheses(NamedTuple):
         is_weak = ~fits[other] & (self.evidence[other] <= _WEAK)
         begins = ~fits[leader] & (is_weak | is_same)
         # One of two that are the same is enough.
-        alone = constant(_NOT_ITS_EVIDENCE, gates) * xp.astype(is_same, gates.dtype)
+        alone = constant(_OTHER_EVIDENCE, gates) * xp.astype(is_same, gates.dtype)
         kept = Hypotheses(self.rows * (1 - alone), self.path)
         if holds_nowhere(begins):
             return kept
@@ -173,16 +176,21 @@ class Hypotheses(NamedTuple):
         swaps = (other > leader + _LEAST_LEAD) & ((other > _CONFIRMED) | ~is_known)
         if holds_nowhere(swaps):
             return self, swaps
-        return tree_map(lambda part: xp.where(swaps, xp.flip(part, axis=-3), part), self), swaps
+        ordered = tree_map(lambda part: xp.where(swaps, xp.flip(part, axis=-3), part), self)
+        gains = swaps & (constant(_LEADING_ROW, leader) > 0)
+        rows = xp.where(gains, xp.maximum(ordered.rows, _LEADING_AGREEMENT), ordered.rows)
+        return ordered._replace(rows=rows), swaps
 
 
-def _not_its_evidence() -> np.ndarray:
+def _only(which: int, row: slice) -> np.ndarray:
+    """1 in a row of one hypothesis, else 0, shape (2, 18, 1)."""
     rows = np.zeros((2, _ROWS, 1))
-    rows[1, _EVIDENCE] = 1.0
+    rows[which, row] = 1.0
     return rows
 
 
-_NOT_ITS_EVIDENCE = _not_its_evidence()
+_LEADING_ROW = _only(0, _AGREEMENT)
+_OTHER_EVIDENCE = _only(1, _EVIDENCE)
 
 
 def assemble(

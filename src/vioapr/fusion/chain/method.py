@@ -274,7 +274,8 @@ def _weigh_hypotheses(
         solution.precision,
         solution.depth_m,
         *last.support(fit, new),
-        *compare_motion(last, window, problem.residuals.ways_m, scatter_m, new),
+        # What a wild prediction says of the motion is as wild.
+        *compare_motion(last, window, problem.residuals.ways_m, scatter_m, new * fit),
     )
     fits = (distance2 < 1) | arrival.is_veto[..., None, :, :] | (not params.hypotheses)
     own = to_axes(1 / (trust.scatter * trust.scatter))
