@@ -88,7 +88,7 @@ def in_batches(
     return [found[index] for index in range(len(cases))]
 
 
-def run_consensus(cases: Sequence[Case], **params: Any) -> list[FusedWalk]:
+def run_chain(cases: Sequence[Case], **params: Any) -> list[FusedWalk]:
     """Fuse all cases."""
     method, chosen = METHODS["chain"], ChainParams(**params)
     return in_batches(
@@ -178,7 +178,7 @@ def ablation_table(cases: Sequence[Case]) -> tuple[str, dict]:
     results = {}
     base: dict[str, NDArray] = {}
     for name, params in VARIANTS.items():
-        fused = run_consensus(cases, **params)
+        fused = run_chain(cases, **params)
         figures = [figures_of(errors_of(*pair)) for pair in zip(cases, fused, strict=True)]
         groups = by_group(cases, figures)
         cells = []
@@ -304,7 +304,7 @@ def main() -> None:
     if not data:
         sys.exit("set VIOAPR_DATA to the folder of real data")
     cases = load_cases(find_walks([Path(data) / "bench"]))
-    fused = run_consensus(cases)
+    fused = run_chain(cases)
     ours = by_group(
         cases, [figures_of(errors_of(*pair)) for pair in zip(cases, fused, strict=True)]
     )

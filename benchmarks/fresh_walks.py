@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 from common import replace_section, write_json
-from chain import DOCS, by_group, errors_of, figures_of, run_consensus
+from chain import DOCS, by_group, errors_of, figures_of, run_chain
 from numpy.typing import NDArray
 
 from vioapr.cli.console import progress
@@ -165,7 +165,7 @@ def measure(cases: list[Case]) -> dict[str, dict[str, list[float]]]:
     with progress("fusing by the paper's method", count_ticks(cases, list(params))) as tick:
         paper = evaluate_cases(cases, params, tick=tick)
     rows = []
-    for case, fused, result in zip(cases, run_consensus(cases), paper, strict=True):
+    for case, fused, result in zip(cases, run_chain(cases), paper, strict=True):
         errors = errors_of(case, fused)
         ours = [*figures_of(errors), float(np.isfinite(errors[0]).mean())]
         rows.append([*figures_of_vio_apr(result), ours])
@@ -194,9 +194,7 @@ def _text(figures: list[float]) -> str:
 
 def compare(before: dict, after: dict) -> str:
     """Ratios of the chain' figures to an earlier version's."""
-    ratios = {
-        key: np.divide(after[key]["chain"][:4], before[key]["chain"][:4]) for key in after
-    }
+    ratios = {key: np.divide(after[key]["chain"][:4], before[key]["chain"][:4]) for key in after}
     ratios["mean"] = np.mean([*ratios.values()], axis=0)
     ratios["largest"] = np.max([*ratios.values()], axis=0)
     lines = ["| cell | median m / deg, p95 m / deg over the version before |", "|---|---|"]

@@ -152,7 +152,7 @@ def test_a_method_with_sigmas_has_risk_figures(cases):
     (result,) = evaluate_cases(cases[:1], default_params(["chain"]))
     found = result.reliability
     assert np.isfinite(found).all()
-    assert found.risk_50_m <= result.errors.position_m.max()
+    assert found.risk_50_m <= np.nanmax(result.errors.position_m)
     rows = list(csv.DictReader(io.StringIO(to_csv([result]))))
     assert float(rows[5]["sigma_position_m"]) == result.sigma_position_m[5]
     assert float(rows[5]["content_step_m"]) == result.content.step_m[5]

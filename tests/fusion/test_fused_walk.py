@@ -30,7 +30,7 @@ def test_reading_gives_the_numbers_that_were_written(tmp_path, name):
     assert again.world_from_vio is None
     written = replace(fused, world_from_vio=None)
     ours, theirs = (list(tree_leaves(tuple(vars(walk).values()))) for walk in (written, again))
-    assert len(ours) == (6 if name == "chain" else 4)
+    assert len(ours) == (8 if name == "chain" else 4)
     for left, right in zip(ours, theirs, strict=True):
         np.testing.assert_array_equal(left, right)
 

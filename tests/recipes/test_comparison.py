@@ -84,7 +84,7 @@ def test_levels_are_of_the_counted_frames(lines):
     assert optimized.fused.difference == pytest.approx((-1.3, 50 - 28.3, 100 - 95.5))
 
 
-def test_consensus_is_over_all_frames(lines):
+def test_chain_is_over_all_frames(lines):
     line = lines[2, "all frames", "chain", "Square"]
     assert line.fused == Pair(pytest.approx((0.2, 1.5)), None)
     assert line.share.ours == pytest.approx((100.0,))

@@ -102,7 +102,7 @@ def test_parameters_are_those_of_the_file(model_of):
     for name, value in (("run_pairs", 9), ("distance_threshold_m", -1), ("run_pairs", np.nan)):
         with pytest.raises(ParameterError, match=f"{name}: expected a number from"):
             OnnxLocalizer(path, {name: value})
-    with pytest.raises(ParameterError, match="votes: expected one of the file's parameters"):
+    with pytest.raises(ParameterError, match="window: expected one of the file's parameters"):
         OnnxLocalizer(path, {"window": 3})
     with pytest.raises(ParameterError, match="it has none"):
         OnnxLocalizer(model_of("chain"), {"window": 3})

@@ -328,4 +328,5 @@ METHOD = Method(
     params_type=ChainParams,
     init=init,
     step=step,
+    uses_apr_sigma=True,
 )
