@@ -20,8 +20,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from common import replace_section, write_json
 from chain import DOCS, by_group, errors_of, figures_of, run_chain
+from common import replace_section, write_json
 from numpy.typing import NDArray
 
 from vioapr.cli.console import progress
