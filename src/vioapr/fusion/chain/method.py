@@ -26,7 +26,7 @@ from vioapr.fusion.chain.hypotheses import (
 )
 from vioapr.fusion.chain.learning import Lesson, Trust, learn, no_trust_yet
 from vioapr.fusion.chain.odometer import Odometer, new_odometer
-from vioapr.fusion.chain.params import ChainParams
+from vioapr.fusion.chain.params import ChainParams, in_a_column
 from vioapr.fusion.chain.residuals import residuals_of
 from vioapr.fusion.chain.smoothing import Problem, Solution, solve
 from vioapr.fusion.chain.stated import VETO, Usual, nothing_usual
@@ -304,18 +304,15 @@ def _drift(params: ChainParams, noise: Array, rates: Array) -> Array:
     As a calibration has found it, or as learned.
     """
     learned = _RATE_FACTOR * rates * (constant(_UNITS, noise) @ (noise * noise))
-    given = np.array(
-        [
-            [params.tilt_drift_rad2_per_m],
-            [params.heading_drift_rad2_per_m],
-            [params.position_drift_m2_per_m],
-        ]
+    given = (
+        params.tilt_drift_rad2_per_m,
+        params.heading_drift_rad2_per_m,
+        params.position_drift_m2_per_m,
     )
-    is_given = given >= 0
-    if not is_given.any():
+    if all(isinstance(value, float | int) and value < 0 for value in given):
         return learned
-    known = constant(np.where(is_given, given, 0.0), learned)
-    return learned * constant(np.where(is_given, 0.0, 1.0), learned) + known
+    known = in_a_column(given, learned)
+    return namespace(learned).where(known < 0, learned, known)
 
 
 _UNITS = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
 import tyro
 
 from vioapr.errors import ParameterError
 from vioapr.fusion.chain.window import RECENT
+from vioapr.geometry.arrays import Array, constant, namespace
 
 Gravity = Literal["auto", "known", "estimate", "none"]
 _GRAVITIES = ("auto", "known", "estimate", "none")
@@ -80,3 +83,17 @@ class ChainParams:
             raise ParameterError(
                 f"--gravity: expected one of {', '.join(_GRAVITIES)}, got {self.gravity!r}"
             )
+
+
+def in_a_column(values: Sequence[float | Array], like: Array) -> Array:
+    """Parameters one below the other, shape (..., k, 1).
+
+    Args:
+        values: Numbers; or arrays of shape (...), where the walks of a batch differ, or an exported
+            file takes them as input.
+        like: Gives backend and dtype.
+    """
+    if all(isinstance(value, float | int) for value in values):
+        return constant(np.array([values], dtype=np.float64).T, like)
+    zero = 0 * like[..., 0, 0]
+    return namespace(like).stack([zero + value for value in values], axis=-1)[..., None]

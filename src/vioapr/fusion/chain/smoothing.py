@@ -18,7 +18,7 @@ import numpy as np
 from vioapr.fusion.chain.gravity import knows_up, levelled
 from vioapr.fusion.chain.hypotheses import CHALLENGES, Hypotheses
 from vioapr.fusion.chain.learning import Trust
-from vioapr.fusion.chain.params import ChainParams
+from vioapr.fusion.chain.params import ChainParams, in_a_column
 from vioapr.fusion.chain.residuals import Residuals
 from vioapr.fusion.chain.solver import older_by, smooth
 from vioapr.fusion.chain.sums import (
@@ -206,7 +206,8 @@ def _step_variances(
         is_upright, drift[..., None, :, :], (constant(_AS_HEADING, drift) @ drift)[..., None, :, :]
     )
     metres = since[..., None, :1, :]
-    scaled = params.scale_error**2 * squared_length(legs_m)
+    error = in_a_column([params.scale_error], legs_m)
+    scaled = error * error * squared_length(legs_m)
     rest = xp.concat([since[..., 1:, :], scaled], axis=-2)[..., None, :, :]
     axes = constant(_DRIFTS_OF_AXES, drifts) @ (drifts * metres)
     return axes + constant(_REST_OF_AXES, rest) @ rest + constant(_STEADY, rest)
