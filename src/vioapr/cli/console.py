@@ -38,6 +38,7 @@ _console = Console(highlight=False, quiet=not _IS_FIRST)
 error_console = Console(stderr=True, highlight=False, quiet=not _IS_FIRST)
 _is_data_on_stdout = False
 _called: dict[str, str] = {}
+_flags: frozenset[str] = frozenset()
 """Temporary files, and what they are called in messages and data."""
 
 
@@ -127,11 +128,22 @@ def send_messages_aside() -> None:
     _is_data_on_stdout = True
 
 
-def start_verb() -> None:
-    """Print messages on standard output again, and call all files by their names."""
-    global _is_data_on_stdout
+def start_verb(arguments: Sequence[str] = ()) -> None:
+    """Print messages on standard output again, and call all files by their names.
+
+    Args:
+        arguments: What follows the verb; `is_given` asks for them.
+    """
+    global _is_data_on_stdout, _flags
     _is_data_on_stdout = False
     _called.clear()
+    words = [word.partition("=")[0].replace("_", "-") for word in arguments]
+    _flags = frozenset(word for word in words if word.startswith("--"))
+
+
+def is_given(flag: str) -> bool:
+    """Whether the user has given a flag, be it with the value that it has by default."""
+    return flag in _flags
 
 
 def call_paths(names: Mapping[str, str]) -> None:

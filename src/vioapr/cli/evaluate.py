@@ -11,11 +11,13 @@ from typing import Annotated, Any
 
 import tyro
 
+from vioapr.cli.calibrated import require_chain, tabulate_calibrated
 from vioapr.cli.console import progress, say, send_messages_aside, warn
 from vioapr.cli.method_params import MethodParams, parse_methods
 from vioapr.cli.streams import OutputFile
 from vioapr.cli.tables import Column, Format, Row, Table, Value, show
 from vioapr.errors import VioAprError
+from vioapr.evaluation.calibration.calibrate import group_by_pair
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import Group, tabulate, to_csv, to_records
@@ -24,6 +26,7 @@ from vioapr.files.outputs import check_outputs
 from vioapr.files.text import write_text
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.body_from_cam import AUTO
+from vioapr.fusion.calibrated import read_calibration
 from vioapr.fusion.offline import View
 from vioapr.report.evaluation_report import (
     REPORT_PATTERNS,
@@ -66,6 +69,7 @@ def evaluate(
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     view: View = "retrospective",
     tolerance_s: float = DEFAULT_TOLERANCE_S,
+    calibration: Path | None = None,
     vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
     time_unit: TimeUnit | None = None,
     strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -96,6 +100,7 @@ def evaluate(
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.
         tolerance_s: Largest difference of timestamps within a frame, s.
+        calibration: What `vioapr calibrate` found, for method chain; a flag wins over what it says.
         vio_from_cam: For trackers that give poses of an IMU's body: how the camera is mounted on
             it. auto estimates it by ground truth; FILE holds the constant transform body_from_cam,
             see `vioapr fuse --help`.
@@ -107,11 +112,17 @@ def evaluate(
         vioapr evaluate walks --methods vio-apr,chain --report report
     """
     chosen = parse_methods(methods, params)
+    known = None
+    if calibration is not None:
+        require_chain(list(chosen))
+        known = read_calibration(calibration)
     skip = None if strict else warn_of_skipped
     folders = find_walks(walks, refuse if strict else warn_of_skipped)
     read = [path for walk in folders for path in walk.paths]
     if vio_from_cam not in (None, AUTO):
         read.append(Path(vio_from_cam))
+    if calibration is not None:
+        read.append(calibration)
     check_outputs([json_out, csv_out], read, overwrite=overwrite)
     check_report(report, overwrite=overwrite)
     if form in ("csv", "json"):
@@ -120,8 +131,12 @@ def evaluate(
         options = ReadOptions(time_unit=time_unit, strict=strict)
         reader = WalkReader(options, vio_from_cam, say, warn)
         cases = load_cases(folders, tolerance_s=tolerance_s, reader=reader, skip=skip, tick=tick)
-    with progress("fusing", count_ticks(cases, chosen)) as tick:
-        results, groups = tabulate(cases, chosen, view=view, tick=tick)
+    parts = [cases] if known is None else list(group_by_pair(cases).values())
+    with progress("fusing", sum(count_ticks(part, chosen) for part in parts)) as tick:
+        if known is None:
+            results, groups = tabulate(cases, chosen, view=view, tick=tick)
+        else:
+            results, groups = tabulate_calibrated(cases, chosen, known, view=view, tick=tick)
     print_tables(groups, form)
     if json_out is not None:
         write_text(json_out, encode(to_records(groups), indent=1), overwrite=overwrite)

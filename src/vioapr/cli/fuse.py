@@ -7,6 +7,12 @@ from typing import Annotated
 
 import tyro
 
+from vioapr.cli.calibrated import (
+    calibrated_params,
+    pair_of_files,
+    require_chain,
+    warn_of_misfit,
+)
 from vioapr.cli.console import progress, say, warn_of_tracks
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.cli.streams import InputFile, OutputFile
@@ -19,6 +25,7 @@ from vioapr.formats.body_from_cam import AUTO, turn_to_camera
 from vioapr.formats.pair_checks import Track
 from vioapr.formats.stated_sigmas import path_beside, read_sigmas, read_sigmas_beside
 from vioapr.formats.walk_checks import check_walk
+from vioapr.fusion.calibrated import read_calibration
 from vioapr.fusion.fused_walk import write_fused_csv
 from vioapr.fusion.methods import DEFAULT_METHOD, METHODS, get_method
 from vioapr.fusion.offline import View, fuse_walk
@@ -42,6 +49,7 @@ def fuse(
     apr_format: str | None = None,
     vio_format: str | None = None,
     apr_sigma: InputFile | None = None,
+    calibration: InputFile | None = None,
     vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
     time_unit: TimeUnit | None = None,
     strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -73,6 +81,8 @@ def fuse(
             timestamp_s,sigma_position_m,sigma_orientation_deg (default: the file beside the
             predictions whose name ends in .sigma.csv instead, if there is one). For method
             chain.
+        calibration: What `vioapr calibrate` found on walks with this tracker and this regressor,
+            for method chain; a flag wins over what it says.
         vio_from_cam: For a tracker that gives poses of an IMU's body (VINS, OpenVINS, Basalt,
             Kimera, Aria), or images turned since: how its camera is mounted, so that vio_from_cam
             can be had. auto estimates it by the predictions; FILE holds the constant transform
@@ -90,10 +100,15 @@ def fuse(
     if apr_sigma is not None and not chosen.uses_apr_sigma:
         users = ", ".join(one.name for one in METHODS.values() if one.uses_apr_sigma)
         raise ParameterError(f"`apr_sigma`: method {method} has no use for it, only {users} has")
-    inputs = [apr, vio, apr_sigma or path_beside(apr)]
+    inputs = [apr, vio, apr_sigma or path_beside(apr), calibration]
     if vio_from_cam not in (None, AUTO):
         inputs.append(Path(vio_from_cam))
     check_outputs([out, tum_out], inputs, overwrite=overwrite)
+    pair = None
+    if calibration is not None:
+        require_chain([method])
+        pair = pair_of_files(read_calibration(calibration), apr, vio)
+        chosen_params = calibrated_params(pair, chosen_params)
     options = ReadOptions(time_unit=time_unit, strict=strict)
     predictions = read_track(apr, apr_format, options, "apr_format")
     tracked = read_track(vio, vio_format, options, "vio_format")
@@ -112,6 +127,8 @@ def fuse(
     passes = 2 if offline else 1
     with progress(f"fusing by {method}", passes * len(frames)) as tick:
         fused = run(chosen, chosen_params, frames, view=view, tick=tick)
+    if pair is not None:
+        warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status)
     write_fused_csv(out, fused, overwrite=overwrite)
     say(f"{out}: {format_statuses(fused)}")
     if tum_out is None:

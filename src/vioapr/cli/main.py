@@ -114,7 +114,7 @@ def run_verb(name: str, arguments: list[str]) -> None:
     from vioapr.cli.parsing import parse_flags
     from vioapr.cli.streams import connected
 
-    start_verb()
+    start_verb(flags)
     try:
         with connected(function, parse_flags(name, function, arguments)) as call:
             call()

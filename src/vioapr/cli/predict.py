@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import tyro
 
@@ -43,6 +43,37 @@ def predict(
     Example:
         vioapr predict courtyard --model courtyard/models/posenet
     """
+    done = predict_split(scene, model, split, out, name, batch_size=batch_size, overwrite=overwrite)
+    say(f"predictions: {done.folder}")
+    if done.can_be_evaluated:
+        say(f"evaluate them: vioapr evaluate {done.folder}")
+
+
+class PredictedSplit(NamedTuple):
+    """Predictions of a split's recordings.
+
+    Attributes:
+        folder: Of their walks.
+        name: Of the predictions in it.
+        can_be_evaluated: Whether every walk has ground truth and VIO too.
+    """
+
+    folder: Path
+    name: str
+    can_be_evaluated: bool
+
+
+def predict_split(
+    scene: Path,
+    model: Path,
+    split: str,
+    out: Path | None = None,
+    name: str | None = None,
+    *,
+    batch_size: int = 32,
+    overwrite: bool = False,
+) -> PredictedSplit:
+    """Predict recordings of a split; see `predict`."""
     require_torch("vioapr predict")
     from vioapr.regression.prediction import load_predictor, predict_walks
 
@@ -74,6 +105,4 @@ def predict(
             f"note: {opened.name!r} is none of the scenes that this regressor knows: "
             f"{', '.join(map(repr, known))}"
         )
-    say(f"predictions: {folder}")
-    if has_all:
-        say(f"evaluate them: vioapr evaluate {folder}")
+    return PredictedSplit(folder, label, has_all)

@@ -31,6 +31,9 @@ GROUPS: dict[str, dict[str, Verb]] = {
         "convert": Verb("convert", "convert", "Convert a trajectory file to another format"),
         "fuse": Verb("fuse", "fuse", "Fuse a walk's predicted poses with its tracked ones"),
         "evaluate": Verb("evaluate", "evaluate", "Compare fused walks with ground truth"),
+        "calibrate": Verb(
+            "calibrate", "calibrate", "Measure tracker and regressor for method chain"
+        ),
         "vio-quality": Verb("vio_quality", "vio_quality", "Measure a tracker's drift"),
     },
     "A place": {

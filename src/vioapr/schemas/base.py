@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, TypeVar, get_args
 
@@ -65,6 +66,24 @@ def decode(where: object, text: str | bytes, kind: type[RecordType]) -> RecordTy
     value = parse_json(where, text)
     if issubclass(kind, Document):
         check_version(where, value, kind)
+    return convert(where, value, kind)
+
+
+def decode_toml(where: object, text: str, kind: type[DocumentType]) -> DocumentType:
+    """Read a document from TOML; see `convert`.
+
+    Raises:
+        FormatError: Not TOML, or not such a document.
+        VersionError: It is of a version that is not known.
+    """
+    try:
+        value = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r" \(at line (\d+), column \d+\)$", str(error))
+        problem = str(error)[: found.start()] if found else str(error)
+        line = int(found[1]) if found else None
+        raise FormatError(str(where), f"expected TOML: {problem}", line) from None
+    check_version(where, value, kind)
     return convert(where, value, kind)
 
 

@@ -55,9 +55,7 @@ def _of_walk(case: Case) -> tuple[Rigid3, Rigid3]:
     return case.gt_world_from_cam.at(rows), case.frames.inputs.apr_world_from_cam.at(rows)
 
 
-def errors_in_camera(
-    gt: Rigid3, apr: Rigid3
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def errors_in_camera(gt: Rigid3, apr: Rigid3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Predicted less true position, and the turn from true to predicted, in the camera's axes.
 
     Shape (n, 3) each, m and rad.

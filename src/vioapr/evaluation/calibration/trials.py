@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
@@ -19,7 +19,7 @@ from vioapr.fusion.types import Estimate
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.tree import tree_at
 from vioapr.schemas.calibration import ChainSetting
-from vioapr.work.progress import Tick, ignore
+from vioapr.work.progress import Progress, Tick, silent
 
 _TOGETHER = 48
 """Runs in one batch: more save no time, and shorter walks wait for longer ones."""
@@ -55,15 +55,19 @@ class Trials:
     """Runs cases under settings, and remembers what it has run.
 
     Attributes:
-        tick: Called as often as `run` says, for progress.
         known: By the case's identity and the setting.
     """
 
-    tick: Tick = ignore
+    progress: Progress = silent
     known: dict[tuple[int, ChainSetting], Trial] = field(default_factory=dict[Any, Any])
 
-    def run(self, wanted: Sequence[tuple[Case, ChainSetting]]) -> None:
-        """Run what has not been run yet, in as few batches as possible."""
+    def run(self, title: str, wanted: Iterable[tuple[Case, ChainSetting]]) -> None:
+        """Run what has not been run yet, in as few batches as possible.
+
+        Args:
+            title: Of the work.
+            wanted: Cases and settings.
+        """
         missing: dict[tuple[int, ChainSetting], Case] = {}
         for case, setting in wanted:
             if (id(case), setting) not in self.known:
@@ -71,23 +75,30 @@ class Trials:
         by_gravity: dict[str, list[tuple[Case, ChainSetting]]] = {}
         for (_, setting), case in missing.items():
             by_gravity.setdefault(setting.gravity, []).append((case, setting))
+        batches: list[tuple[str, Sequence[tuple[Case, ChainSetting]]]] = []
         for gravity, runs in by_gravity.items():
             runs.sort(key=lambda run: len(run[0].frames))
-            for first in range(0, len(runs), _TOGETHER):
-                self._run_batch(gravity, runs[first : first + _TOGETHER])
+            firsts = range(0, len(runs), _TOGETHER)
+            batches += [(gravity, runs[first : first + _TOGETHER]) for first in firsts]
+        steps = sum(len(batch[-1][0].frames) for _, batch in batches)
+        with self.progress(title, steps) as advance:
+            for gravity, batch in batches:
+                self._run_batch(gravity, batch, advance)
 
     def of(self, case: Case, setting: ChainSetting) -> Trial:
         """What a case that was run made of a setting."""
         return self.known[id(case), setting]
 
-    def _run_batch(self, gravity: str, runs: Sequence[tuple[Case, ChainSetting]]) -> None:
+    def _run_batch(
+        self, gravity: str, runs: Sequence[tuple[Case, ChainSetting]], tick: Tick
+    ) -> None:
         values = {
             name: np.array([float(getattr(setting, name)) for _, setting in runs])
             for name in _BATCHED
         }
         params = SimpleNamespace(**(_plain(ChainParams()) | {"gravity": gravity} | values))
         frames = stack_walks([case.frames for case, _ in runs])
-        estimates = run_steps(METHOD, params, frames, tick=self.tick)
+        estimates = run_steps(METHOD, params, frames, tick=tick)
         for column, (case, setting) in enumerate(runs):
             own = cast("Estimate", tree_at(estimates, (slice(0, len(case.frames)), column)))
             self.known[id(case), setting] = judge(case, own)
@@ -135,11 +146,3 @@ def mean_ratios(trials: Sequence[Trial]) -> NDArray[np.float64]:
     """Figures over those of the raw regressor, geometric means over walks, shape (4,)."""
     logs = [np.log(figures(t.errors) / figures(t.raw)) for t in trials]
     return np.exp(np.nanmean(logs, axis=0))
-
-
-def group_by_pair(cases: Sequence[Case]) -> Mapping[tuple[str, str], list[Case]]:
-    """Cases by kind of tracker and regressor, in their order."""
-    grouped: dict[tuple[str, str], list[Case]] = {}
-    for case in cases:
-        grouped.setdefault(case.group[1:], []).append(case)
-    return grouped
