@@ -37,7 +37,7 @@ def export(model: Path, method: str, precision: str, scene: Path, out: Path) -> 
     words = ["export", model, "--method", method, "--precision", precision, "--out", out]
     words.append("--overwrite")
     if precision == "int8-qdq":
-        words += ["--calibration", scene]
+        words += ["--quantize-by", scene]
     if code := vioapr([str(word) for word in words]):
         sys.exit(code)
     return out.stat().st_size / 1e6

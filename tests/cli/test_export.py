@@ -72,7 +72,7 @@ def test_a_checkpoint_becomes_one_file(run, checkpoint, tmp_path):
 def test_int8_is_calibrated_on_the_scene_and_split(run, checkpoint, scene, tmp_path):
     code, _, err = run(
         "export", checkpoint, "--method", "vio-apr", "--out", tmp_path / "pair.onnx", "--split",
-        "--precision", "int8-qdq", "--calibration", scene,
+        "--precision", "int8-qdq", "--quantize-by", scene,
     )  # fmt: skip
     assert code == 0, err
     session, contract = open_session(tmp_path / "pair.apr.onnx")
@@ -89,7 +89,7 @@ def test_what_cannot_be_exported(fails, checkpoint, tmp_path, monkeypatch):
     assert "got 'pose-graph'" in refusal
     line = fails("export", checkpoint, *out, "--precision", "int4")
     assert "--precision: expected one of fp32, fp16w, int8w, int8-qdq, got 'int4'" in line
-    assert "--precision int8-qdq and --calibration go together" in fails(
+    assert "--precision int8-qdq and --quantize-by go together" in fails(
         "export", checkpoint, *out, "--precision", "int8-qdq"
     )
     assert "found no file" in fails("export", tmp_path / "none.safetensors", *out)

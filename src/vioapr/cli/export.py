@@ -8,12 +8,14 @@ from typing import Annotated, Literal
 
 import tyro
 
+from vioapr.cli.calibrated import calibrated_params, pick_pair, require_chain
 from vioapr.cli.console import say
 from vioapr.cli.method_params import MethodParams, params_for
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import MissingExtraError, ParameterError
 from vioapr.files.atomic import replacing
 from vioapr.files.outputs import check_outputs
+from vioapr.fusion.calibrated import read_calibration
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.schemas.regressor import REGRESSOR_FILE
 
@@ -27,6 +29,7 @@ def export(
     precision: Precision = "fp32",
     split: bool = False,
     calibration: Path | None = None,
+    quantize_by: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     params: tyro.conf.OmitArgPrefixes[MethodParams] = MethodParams(),  # noqa: B008
 ) -> None:
@@ -41,18 +44,25 @@ def export(
         precision: fp32; fp16w: half-precision weights, for half the size; int8w: weights of 8
             bits, for a quarter; int8-qdq: arithmetic of 8 bits too, faster, not for Unity.
         split: Write regressor and fusion as two files, e.g. for a browser with WebGPU.
-        calibration: For int8-qdq: a scene, of whose training images some are used.
+        calibration: What `vioapr calibrate` found with this regressor, for method chain: the file
+            carries it. A flag wins over what it says.
+        quantize_by: For int8-qdq: a scene, of whose training images some are used.
         overwrite: Replace the files to write if they exist; never the checkpoint.
         params: Parameters of the methods. Those that the file takes as input are its defaults.
 
     Example:
         vioapr export courtyard/models/posenet --out courtyard.onnx
     """
-    if (precision == "int8-qdq") != (calibration is not None):
-        raise ParameterError("`precision` int8-qdq and `calibration` go together")
-    chosen = get_method(method)
+    if (precision == "int8-qdq") != (quantize_by is not None):
+        raise ParameterError("`precision` int8-qdq and `quantize_by` go together")
+    chosen, method_params = get_method(method), params_for(method, params)
+    known = None
+    if calibration is not None:
+        require_chain([method])
+        known = read_calibration(calibration)
     paths = [out.with_suffix(".apr.onnx"), out.with_suffix(".fusion.onnx")] if split else [out]
-    check_outputs(paths, [checkpoint / REGRESSOR_FILE, checkpoint], overwrite=overwrite)
+    read = [checkpoint / REGRESSOR_FILE, checkpoint, calibration]
+    check_outputs(paths, read, overwrite=overwrite)
     require_torch("vioapr export")
     try:
         from vioapr.export.exporter import Exporter
@@ -60,12 +70,15 @@ def export(
     except ImportError as error:
         raise MissingExtraError("vioapr export", error.name or "onnx", "export") from None
     loaded = checkpoints.load(checkpoint)
-    exporter = Exporter(loaded.network, loaded.spec, chosen, params_for(method, params))
+    if known is not None:
+        pair = pick_pair(known, None, loaded.spec.model.replace(":", "-"))
+        method_params = calibrated_params(pair, method_params)
+    exporter = Exporter(loaded.network, loaded.spec, chosen, method_params)
     images = None
-    if calibration is not None:
+    if quantize_by is not None:
         from vioapr.export.quantize import training_images
 
-        images = training_images(calibration, exporter.preprocess)
+        images = training_images(quantize_by, exporter.preprocess)
     if split:
         made = exporter.export_split(precision, images)
     else:

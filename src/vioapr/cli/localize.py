@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from vioapr.cli.calibrated import pick_pair, require_chain, warn_of_misfit
 from vioapr.cli.console import progress, say, warn, warn_of_tracks
 from vioapr.cli.evaluate import check_report, print_tables, publish
 from vioapr.cli.streams import InputFile, OutputFile
@@ -24,8 +25,12 @@ from vioapr.formats.body_from_cam import (
     describe_transform,
     read_body_from_cam,
 )
-from vioapr.fusion.fused_walk import write_fused_csv
+from vioapr.fusion.calibrated import params_from_calibration, read_calibration
+from vioapr.fusion.chain.method import METHOD as CHAIN
+from vioapr.fusion.chain.params import ChainParams
+from vioapr.fusion.fused_walk import FusedWalk, write_fused_csv
 from vioapr.fusion.methods import default_params
+from vioapr.fusion.offline import fuse_walk
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import ImportOptions
 from vioapr.report.formatting import format_statuses
@@ -39,6 +44,8 @@ from vioapr.runtime.walk import (
     localize,
 )
 from vioapr.runtime.walk_checks import check_localized, estimate_mount, mount_frames
+from vioapr.schemas.calibration import PairCalibration
+from vioapr.schemas.contract import Contract
 from vioapr.trajectory import Trajectory
 
 
@@ -54,6 +61,7 @@ def localize_(
     vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
     time_unit: TimeUnit | None = None,
     strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    calibration: Path | None = None,
     report: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     threads: int | None = None,
@@ -80,6 +88,9 @@ def localize_(
             constant transform body_from_cam, see `vioapr fuse --help`.
         time_unit: Unit of the times of --vio and --gt; by default found from their values.
         strict: Refuse what is otherwise localized with a warning, and write nothing.
+        calibration: What `vioapr calibrate` found, in place of the one that a file with method
+            chain carries: its predictions are fused by the same method with this. What --view and
+            --rrd show are the file's own answers.
         report: Folder to write an HTML page with tables and figures to; needs ground truth;
             an earlier report in it is replaced, other files stay.
         overwrite: Replace files that exist, also those that vioapr did not write; never one that is
@@ -101,7 +112,7 @@ def localize_(
         frames = replace(frames, gt=read_track(gt, gt_format, read_options, "gt_format"))
     if report is not None and frames.gt is None:
         raise ParameterError("`report` needs ground truth: give `gt`")
-    read = [model, vio, gt, *frames.files]
+    read = [model, vio, gt, calibration, *frames.files]
     if vio_from_cam not in (None, AUTO):
         read.append(Path(vio_from_cam))
     check_outputs([out, rrd], read, overwrite=overwrite)
@@ -114,6 +125,7 @@ def localize_(
             turned = frames_of_images(images, replace(options, vio_from_cam=body_from_cam))
             frames = replace(turned, gt=frames.gt)
     localizer = OnnxLocalizer(model, threads=threads)
+    pair = None if calibration is None else _find_pair(calibration, localizer.contract)
     watchers: list[viewing.BrowserView | viewing.RerunFile] = []
     if rrd is not None:
         watchers.append(viewing.RerunFile(frames, rrd, overwrite=overwrite))
@@ -130,10 +142,11 @@ def localize_(
     given = str(vio or recording or images), str(gt) if gt else ""
     found = check_localized(walk, *given, is_file=images is not None)
     warn_of_tracks(found, strict=strict)
-    write_fused_csv(out, walk.fused, overwrite=overwrite)
-    say(f"{out}: {format_statuses(walk.fused)}")
+    fused = walk.fused if pair is None else _fuse_as_calibrated(pair, localizer.contract, walk)
+    write_fused_csv(out, fused, overwrite=overwrite)
+    say(f"{out}: {format_statuses(fused)}")
     if frames.gt is not None:
-        compare(walk, localizer, model.name, frames.gt, report, overwrite=overwrite)
+        compare(walk, fused, localizer, model.name, frames.gt, report, overwrite=overwrite)
     for watch in watchers:
         watch.finish()
 
@@ -172,8 +185,27 @@ def _find_mount(vio_from_cam: str, model: Path, threads: int | None, frames: Wal
     return found.body_from_cam
 
 
+def _find_pair(path: Path, contract: Contract) -> PairCalibration:
+    """Read the calibration for a file's regressor."""
+    require_chain([contract.method or "none"])
+    model = contract.regressor.model.replace(":", "-")
+    return pick_pair(read_calibration(path), None, model or None)
+
+
+def _fuse_as_calibrated(
+    pair: PairCalibration, contract: Contract, walk: LocalizedWalk
+) -> FusedWalk:
+    """Fuse a file's predictions by its method with other parameters; warns of a misfit."""
+    params = params_from_calibration(pair.setting, ChainParams(**contract.fixed_params))
+    frames = walk.paired
+    fused = fuse_walk(CHAIN, params, frames, view="live")
+    warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status)
+    return fused
+
+
 def compare(
     walk: LocalizedWalk,
+    fused: FusedWalk,
     localizer: OnnxLocalizer,
     name: str,
     gt: Trajectory,
@@ -185,6 +217,7 @@ def compare(
 
     Args:
         walk: Frames and answers.
+        fused: The answers as they were written.
         localizer: The file.
         name: Of the file.
         gt: Ground truth, world_from_cam.
@@ -198,7 +231,7 @@ def compare(
     case = Case(name, walk.frames.name, "tracker", regressor, walk.paired, gt_poses)
     others = [name for name in COMPARED if name != method]
     with progress("fusing by other methods", count_ticks([case], others)) as tick:
-        groups = compare_methods(case, method, walk.fused, tick=tick)
+        groups = compare_methods(case, method, fused, tick=tick)
     print_tables(groups)
     if report is not None:
         title = f"Localized from images by one file ({method})"
