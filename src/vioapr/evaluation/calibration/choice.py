@@ -17,7 +17,7 @@ import numpy as np
 
 from vioapr.errors import ParameterError
 from vioapr.evaluation.calibration.sigmas import fit_factor
-from vioapr.evaluation.calibration.tracker import STRETCH_M, measure_tracker
+from vioapr.evaluation.calibration.tracker import LEAST_WAY_M, measure_tracker
 from vioapr.evaluation.calibration.trials import Trials, figures, mean_ratios
 from vioapr.evaluation.cases import Case
 from vioapr.schemas.calibration import ChainSetting, Disagreement, Gravity, TrackerDrift
@@ -96,7 +96,7 @@ def require_drift(cases: Sequence[Case]) -> TrackerDrift:
     if drift is None:
         names = ", ".join(sorted({case.walk for case in cases}))
         raise ParameterError(
-            f"walks: {names}: expected walks of at least {2 * STRETCH_M:g} m with ground truth at "
+            f"walks: {names}: expected walks of at least {LEAST_WAY_M:g} m with ground truth at "
             f"most frames, to measure the drift of {cases[0].vio!r}; walk longer, or give others"
         )
     return drift

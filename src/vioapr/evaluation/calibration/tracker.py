@@ -23,7 +23,10 @@ from vioapr.schemas.calibration import TrackerDrift
 STRETCH_M = 5.0
 """Metres of the odometer over which drift is measured, or half of the way where it is short."""
 
-LEAST_STRETCHES = 5
+LEAST_WAY_M = 4.0
+"""Metres of the odometer in one tracking world below which a walk tells nothing of drift."""
+
+_LEAST_STRETCHES = 5
 
 _CHI2_MEDIANS = np.array([1.386, 0.455, 2.366])
 """Medians of chi-squared with the degrees of freedom of tilt, heading and position."""
@@ -86,7 +89,7 @@ def measure_walk(case: Case) -> Stretches | None:
     rows = np.flatnonzero(case.has_gt & inputs.tracking_ok)
     gt, vio = case.gt_world_from_cam.at(rows), z_up_from_y_up(inputs.vio_from_cam.at(rows))
     start, end = find_stretches(metres[rows], worlds[rows])
-    if len(start) < LEAST_STRETCHES:
+    if len(start) < _LEAST_STRETCHES:
         return None
     turn = quaternion.multiply(gt.quat_xyzw, quaternion.inverse(vio.quat_xyzw))
     way_m = vio.translation_m[end] - vio.translation_m[start]
@@ -94,7 +97,7 @@ def measure_walk(case: Case) -> Stretches | None:
     length_m, true_length_m = (np.linalg.norm(v, axis=-1) for v in (way_m, true_m))
     is_far = length_m > 0.2 * STRETCH_M
     ratios = true_length_m[is_far] / length_m[is_far]
-    if len(ratios) < LEAST_STRETCHES:
+    if len(ratios) < _LEAST_STRETCHES:
         ratios = np.ones(1)
     scale = float(np.median(ratios))
     # The way is turned as the tracker lay on average: that halves the noise of ground truth.
@@ -138,9 +141,9 @@ def find_stretches(
     """
     if not len(metres):
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-    stretch = min(STRETCH_M, float(metres[-1] - metres[0]) / 2)
-    end = np.searchsorted(metres, metres + stretch)
-    start = np.flatnonzero((end < len(metres)) & (stretch > 0))
+    way_m = float(metres[-1] - metres[0])
+    end = np.searchsorted(metres, metres + min(STRETCH_M, way_m / 2))
+    start = np.flatnonzero((end < len(metres)) & (way_m >= LEAST_WAY_M))
     end = end[start]
     is_one_world = worlds[start] == worlds[end]
     return start[is_one_world], end[is_one_world]
