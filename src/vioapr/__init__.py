@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from vioapr.formats.inspection import inspect_file as inspect_file
     from vioapr.formats.registry import read_trajectory as read_trajectory
     from vioapr.formats.registry import write_trajectory as write_trajectory
+    from vioapr.fusion.calibrated import find_pair as find_pair
+    from vioapr.fusion.calibrated import params_from_calibration as params_from_calibration
+    from vioapr.fusion.calibrated import read_calibration as read_calibration
     from vioapr.fusion.fuse import fuse as fuse
     from vioapr.fusion.fused_walk import FusedWalk as FusedWalk
     from vioapr.fusion.localizer import Localizer as Localizer
@@ -66,9 +69,12 @@ _HOME = {
     "WalkFiles": "vioapr.scene.walks",
     "convert_file": "vioapr.formats.conversion",
     "evaluate": "vioapr.evaluation.accuracy",
+    "find_pair": "vioapr.fusion.calibrated",
     "find_walks": "vioapr.scene.walks",
     "fuse": "vioapr.fusion.fuse",
     "inspect_file": "vioapr.formats.inspection",
+    "params_from_calibration": "vioapr.fusion.calibrated",
+    "read_calibration": "vioapr.fusion.calibrated",
     "read_trajectory": "vioapr.formats.registry",
     "write_trajectory": "vioapr.formats.registry",
 }

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.calibrations import pair_of
 
 import vioapr
 from vioapr.files.images import read_rgb
+from vioapr.fusion.calibrated import write_calibration
 from vioapr.recipes.demo import RECORDING, unpack_demo
+from vioapr.schemas.calibration import Calibration
 from vioapr.simulation.walks import WalkParams, simulate_walk
 
 ROOT = Path(__file__).parents[2]
@@ -40,6 +43,7 @@ def folder(tmp_path_factory):
     walk = simulate_walk(WalkParams(duration_s=20), seed=3)
     vioapr.write_trajectory(str(folder / "apr.tum"), walk.apr)
     vioapr.write_trajectory(str(folder / "vio.csv"), walk.vio, "table")
+    write_calibration(folder / "calibration.toml", Calibration(pairs=(pair_of(),)))
     demo = unpack_demo(folder)
     (folder / "localizer.onnx").write_bytes(demo.model.read_bytes())
     return folder

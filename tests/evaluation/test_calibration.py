@@ -184,16 +184,23 @@ def test_what_is_not_answered_counts_as_the_raw_prediction(drifting):
 
 
 @pytest.fixture(scope="module")
-def calibration(drifting):
-    return calibrate(drifting[:3])
+def minutes():
+    """Walks of a minute."""
+    errors = TrackerErrors(heading_drift_deg=1.0, scale_error=0.0, step_noise_m=0.05)
+    return [case_of(WalkParams(duration_s=60.0, tracker=errors), seed) for seed in range(3)]
+
+
+@pytest.fixture(scope="module")
+def calibration(minutes):
+    return calibrate(minutes)
 
 
 def test_a_calibration_gains_on_walks_left_out(calibration):
     (pair,) = calibration.pairs
     assert (pair.tracker, pair.regressor) == ("sim", "net")
     assert pair.made_from.walks == ("Set/walk-0", "Set/walk-1", "Set/walk-2")
-    assert 3 * 120 < pair.made_from.metres < 3 * 300
-    assert pair.made_from.frames == 3 * 361
+    assert 3 * 40 < pair.made_from.metres < 3 * 100
+    assert pair.made_from.frames == 3 * 120
     assert pair.left_out.walks == 3
     own, other = pair.left_out.calibrated, pair.left_out.uncalibrated
     assert own.median_m < 0.8
@@ -201,14 +208,11 @@ def test_a_calibration_gains_on_walks_left_out(calibration):
     assert abs(pair.left_out.position.two - PROMISED[1]) < 0.2
 
 
-def test_one_walk_is_enough(drifting):
-    (pair,) = calibrate(drifting[:1]).pairs
-    assert pair.left_out is None
-    assert pair.setting.gravity != "none"
-    assert pair.setting.heading_drift_rad2_per_m > 0
-
-
-def test_every_tracker_is_calibrated_with_every_regressor(drifting):
-    others = [dataclasses.replace(case, vio="other7") for case in drifting[:1]]
-    pairs = calibrate([*drifting[:1], *others]).pairs
+def test_one_walk_is_enough(minutes):
+    others = [dataclasses.replace(case, vio="other7") for case in minutes[:1]]
+    pairs = calibrate([*minutes[:1], *others]).pairs
     assert [(pair.tracker, pair.regressor) for pair in pairs] == [("sim", "net"), ("other", "net")]
+    for pair in pairs:
+        assert pair.left_out is None
+        assert pair.setting.gravity != "none"
+        assert pair.setting == pairs[0].setting

@@ -9,6 +9,7 @@ from pathlib import Path
 import tomlkit
 
 from vioapr.errors import ParameterError
+from vioapr.files.paths import AnyPath
 from vioapr.files.text import read_text, write_text
 from vioapr.fusion.chain.params import ChainParams
 from vioapr.schemas.base import decode_toml, to_plain
@@ -21,7 +22,7 @@ _HEAD = (
 )
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: AnyPath) -> Calibration:
     """Read `calibration.toml`.
 
     Raises:
@@ -30,6 +31,7 @@ def read_calibration(path: Path) -> Calibration:
         FormatError: It is no calibration; the message names the line or the member.
         VersionError: It is of a later version.
     """
+    path = Path(path)
     return decode_toml(path, read_text(path), Calibration)
 
 
@@ -102,7 +104,7 @@ def params_from_calibration(
         keep: Names of parameters that stay as `params` has them.
 
     Example:
-        >>> pair = find_pair(read_calibration(Path("calibration.toml")))
+        >>> pair = find_pair(read_calibration("calibration.toml"))
         >>> localizer = Localizer("chain", params_from_calibration(pair.setting))
     """
     values = {name: value for name, value in to_plain(setting).items() if name not in keep}
