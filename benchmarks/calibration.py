@@ -2,8 +2,8 @@
 
     VIOAPR_DATA=... python benchmarks/calibration.py [--json FILE] [--sets NAMES] [--update-docs]
 
-Every walk is judged with what other walks say: those of the same scene where there are any, else
-those of the set's other scenes. Figures are ratios to the raw regressor (median m / deg, p95
+Every walk is judged with what other walks say: one or two of them (those of the same scene first),
+those of the same scene where there are any ("scene"), or all others of the set ("set"). Figures are ratios to the raw regressor (median m / deg, p95
 m / deg), geometric means over walks, with and without calibration, and the share of frames within
 1, 2 and 3 stated sigmas.
 """
@@ -31,8 +31,6 @@ from vioapr.scene.walks import find_walks
 from vioapr.schemas.base import to_plain
 from vioapr.schemas.calibration import LeftOut
 
-ALL = 99
-
 
 class Fold(NamedTuple):
     """A walk to be judged, and the walks to calibrate with, those of its own scene first."""
@@ -41,12 +39,13 @@ class Fold(NamedTuple):
     same_scene: list[list[Case]]
     others: list[list[Case]]
 
-    def pick(self, count: int) -> list[Case]:
-        """Cases of some walks; of `ALL`, those of the scene where it has any."""
-        if count == ALL:
+    def pick(self, count: str) -> list[Case]:
+        """Cases of so many walks; of "scene", of all of it; of "set", of all scenes."""
+        walks = [*self.same_scene, *self.others]
+        if count == "scene":
             walks = self.same_scene or self.others
-        else:
-            walks = [*self.same_scene, *self.others][:count]
+        elif count != "set":
+            walks = walks[: int(count)]
         return [case for walk in walks for case in walk]
 
 
@@ -68,11 +67,11 @@ def folds_of(cases: Sequence[Case]) -> list[Fold]:
     return folds
 
 
-def judge_group(cases: Sequence[Case], counts: Sequence[int]) -> dict[str, Any]:
+def judge_group(cases: Sequence[Case], counts: Sequence[str]) -> dict[str, Any]:
     """Judge one set, tracker and regressor, with calibrations by so many walks."""
     trials = Trials(progress)
     folds = folds_of(cases)
-    counts = [count for count in counts if count == ALL or count < len(folds)]
+    counts = [count for count in counts if not count.isdigit() or int(count) < len(folds)]
     picks = [fold.pick(count) for count in counts for fold in folds]
     chosen = choose_settings(picks, trials)
     set_name, tracker, regressor = cases[0].group
@@ -80,7 +79,7 @@ def judge_group(cases: Sequence[Case], counts: Sequence[int]) -> dict[str, Any]:
     record["walks"] = len(folds)
     for number, count in enumerate(counts):
         own = chosen[number * len(folds) : (number + 1) * len(folds)]
-        record["all" if count == ALL else str(count)] = judge_folds(folds, own, trials)
+        record[count] = judge_folds(folds, own, trials)
     return record
 
 
@@ -156,7 +155,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--sets", default="", help="names, separated by commas; default: all")
     parser.add_argument("--regressors", default="", help="the same of regressors")
-    parser.add_argument("--counts", default="1,2,all")
+    parser.add_argument("--counts", default="1,2,scene,set", help="of walks to calibrate with")
     parser.add_argument("--all-draws", action="store_true", help="of simulated trackers")
     parser.add_argument("--update-docs", action="store_true")
     options = parser.parse_args()
@@ -174,8 +173,7 @@ def main() -> None:
     for set_name in dict.fromkeys(case.set_name for case in cases):
         own = [case for case in cases if case.set_name == set_name]
         for group in group_by_pair(own).values():
-            numbers = [ALL if count == "all" else int(count) for count in counts]
-            records.append(judge_group(group, numbers))
+            records.append(judge_group(group, counts))
     publish(table_of(records, counts), "calibration.md", "walks", update_docs=options.update_docs)
     if options.json:
         pooled = {

@@ -18,7 +18,7 @@ import numpy as np
 from vioapr.errors import ParameterError
 from vioapr.evaluation.calibration.sigmas import fit_factor
 from vioapr.evaluation.calibration.tracker import LEAST_WAY_M, measure_tracker
-from vioapr.evaluation.calibration.trials import Trials, figures, mean_ratios
+from vioapr.evaluation.calibration.trials import Trials, figures, log_ratios
 from vioapr.evaluation.cases import Case
 from vioapr.schemas.calibration import ChainSetting, Disagreement, Gravity, TrackerDrift
 
@@ -34,8 +34,8 @@ _DECADE_COSTS = 0.02
 _UPRIGHT_DEG = 15.0
 """Map and tracker whose ups are further apart do not both know it."""
 
-_STEPS_A_DECADE = 4
-_SCALE_LIMITS = (0.005, 0.3)
+_STEPS_A_DECADE = 2
+_SCALE_LIMITS = (0.003, 0.3)
 
 UNCALIBRATED = ChainSetting(
     gravity="auto",
@@ -133,7 +133,7 @@ def rates(
 ) -> tuple[float, float, float]:
     """Times the measured ones of tilt, heading and position.
 
-    Rounded to a quarter of a decade: they are not known better, and like groups share their runs.
+    Rounded to half a decade: finer steps change little, and groups that are alike share runs.
     """
     raw = (
         tilts * drift.tilt_rad2_per_m,
@@ -151,17 +151,21 @@ def _rounded(value: float) -> float:
 
 def _scale_error(drift: TrackerDrift) -> float:
     wrong = math.hypot(drift.scale - 1, drift.scale_spread)
-    return float(f"{min(max(wrong, _SCALE_LIMITS[0]), _SCALE_LIMITS[1]):.1g}")
+    return _rounded(min(max(wrong, _SCALE_LIMITS[0]), _SCALE_LIMITS[1]))
 
 
 def best(
     cases: Sequence[Case], drift: TrackerDrift, settings: Sequence[ChainSetting], trials: Trials
 ) -> ChainSetting:
-    """The setting under which errors are smallest beside the raw regressor's."""
+    """The setting with the smallest errors beside the raw regressor's.
+
+    Its cost is the mean over walks plus their standard deviation: a tracker that is good on one
+    walk and loses itself on the next is not to be believed for the first.
+    """
 
     def cost(setting: ChainSetting) -> float:
-        ratios = mean_ratios([trials.of(case, setting) for case in cases])
-        return float(np.mean(np.log(ratios))) + _DECADE_COSTS * _unusual(setting, drift)
+        logs = [float(np.mean(log_ratios(trials.of(case, setting)))) for case in cases]
+        return float(np.mean(logs) + np.std(logs)) + _DECADE_COSTS * _unusual(setting, drift)
 
     return min(settings, key=cost)
 

@@ -33,6 +33,10 @@ _BATCHED = (
 """What may differ within a batch."""
 
 
+_LEAST_ERROR = 1e-9
+"""In m and deg: of predictions that are exact, too, there are ratios."""
+
+
 class Trial(NamedTuple):
     """One walk's answers under one setting, over its n frames with ground truth.
 
@@ -142,7 +146,12 @@ def figures(errors: PoseErrors) -> NDArray[np.float64]:
     return np.array([np.percentile(e, q) for q in (50, 95) for e in known])
 
 
+def log_ratios(trial: Trial) -> NDArray[np.float64]:
+    """Logarithms of figures over those of the raw regressor, shape (4,)."""
+    own, raw = (np.maximum(figures(errors), _LEAST_ERROR) for errors in (trial.errors, trial.raw))
+    return np.log(own / raw)
+
+
 def mean_ratios(trials: Sequence[Trial]) -> NDArray[np.float64]:
     """Figures over those of the raw regressor, geometric means over walks, shape (4,)."""
-    logs = [np.log(figures(t.errors) / figures(t.raw)) for t in trials]
-    return np.exp(np.nanmean(logs, axis=0))
+    return np.exp(np.mean([log_ratios(trial) for trial in trials], axis=0))
