@@ -3,9 +3,9 @@
     VIOAPR_DATA=... python benchmarks/calibration.py [--json FILE] [--sets NAMES] [--update-docs]
 
 Every walk is judged with what other walks say: one or two of them (those of the same scene first),
-those of the same scene where there are any ("scene"), or all others of the set ("set"). Figures are ratios to the raw regressor (median m / deg, p95
-m / deg), geometric means over walks, with and without calibration, and the share of frames within
-1, 2 and 3 stated sigmas.
+those of the same scene where there are any ("scene"), or all others of the set ("set"). Figures are
+ratios to the raw regressor (median m / deg, p95 m / deg), geometric means over walks, with and
+without calibration, and the share of frames within 1, 2 and 3 stated sigmas.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ import sys
 
 import numpy as np
 import pytest
+from msgspec.structs import asdict
+from tests.calibrations import SETTING, pair_of
 from tests.localizers import images
 
 pytestmark = pytest.mark.slow
@@ -11,12 +13,14 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 for package in ("onnx", "onnxscript", "onnxruntime", "safetensors"):
     pytest.importorskip(package, reason=f"{package} is not installed")
 
+from vioapr.fusion.calibrated import write_calibration  # noqa: E402
 from vioapr.geometry.rigid import Rigid3  # noqa: E402
 from vioapr.runtime.localizer import OnnxLocalizer  # noqa: E402
 from vioapr.runtime.session import open_session  # noqa: E402
 from vioapr.scene.frames import Tracking  # noqa: E402
 from vioapr.scene.scene import Scene  # noqa: E402
 from vioapr.scene.writer import RecordingWriter  # noqa: E402
+from vioapr.schemas.calibration import Calibration  # noqa: E402
 from vioapr.schemas.contract import Regressor  # noqa: E402
 from vioapr.schemas.recording import RecordingInfo  # noqa: E402
 
@@ -80,6 +84,25 @@ def test_int8_is_calibrated_on_the_scene_and_split(run, checkpoint, scene, tmp_p
     assert open_session(tmp_path / "pair.fusion.onnx")[1].part == "fusion"
     feed = {"image": next(images(1)), "has_image": np.ones(1, dtype=np.float32)}
     assert all(np.isfinite(output).all() for output in session.run(None, feed))
+
+
+def test_a_file_carries_its_calibration(run, fails, checkpoint, tmp_path):
+    path, out = tmp_path / "calibration.toml", tmp_path / "fusion.onnx"
+    pairs = pair_of("arkit", "mobile"), pair_of("arkit", "other")
+    write_calibration(path, Calibration(pairs=pairs))
+    words = ("export", checkpoint, "--method", "chain", "--out", out, "--calibration", path)
+    code, _, err = run(*words, "--gravity", "none")
+    assert code == 0, err
+    fixed = open_session(out)[1].fixed_params
+    for name, value in asdict(SETTING).items():
+        assert fixed[name] == (value if name != "gravity" else "none")
+    assert "--calibration: expected method chain" in fails(
+        "export", checkpoint, "--method", "vio-apr", "--out", out, "--calibration", path,
+        "--overwrite",
+    )  # fmt: skip
+    write_calibration(path, Calibration(pairs=(pairs[1], pairs[1])))
+    line = fails(*words, "--overwrite")
+    assert "none for any tracker with mobile" in line
 
 
 def test_what_cannot_be_exported(fails, checkpoint, tmp_path, monkeypatch):

@@ -10,13 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.calibrations import SETTING, pair_of
 from tests.localizers import images
 
 from vioapr.errors import VioAprError
+from vioapr.evaluation.calibration.choice import UNCALIBRATED
 from vioapr.formats import tum
+from vioapr.fusion.calibrated import write_calibration
+from vioapr.runtime.session import open_session
 from vioapr.scene.frames import Tracking
 from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
+from vioapr.schemas.calibration import Calibration
 from vioapr.schemas.contract import METADATA_KEY
 from vioapr.schemas.recording import RecordingInfo
 from vioapr.simulation.walks import WalkParams, simulate_walk
@@ -283,3 +288,27 @@ def test_errors_are_the_projects_own():
     from vioapr.errors import ContractError
 
     assert issubclass(ContractError, VioAprError)
+
+
+def test_another_calibration_is_tried_without_a_new_export(
+    run, fails, model_of, recording, tmp_path
+):
+    given = tmp_path / "own.toml", tmp_path / "other.toml"
+    regressor = open_session(model_of("chain"))[1].regressor.model
+    for path, setting in zip(given, (UNCALIBRATED, SETTING), strict=True):
+        write_calibration(path, Calibration(pairs=(pair_of("arkit", regressor, setting=setting),)))
+
+    def localize(*flags):
+        out = tmp_path / f"{len(flags)}{Path(flags[-1]).stem if flags else ''}.csv"
+        words = ("--model", model_of("chain"), "--recording", recording, "--out", out)
+        code, _, err = run("localize", *words, *flags)
+        assert code == 0, err
+        return np.array([[float(row["x"]), float(row["sigma_position_m"])] for row in rows_of(out)])
+
+    plain, own, other = localize(), *(localize("--calibration", path) for path in given)
+    np.testing.assert_allclose(own, plain, rtol=1e-2, atol=1e-3)
+    assert not np.allclose(other[-1, 1], plain[-1, 1], rtol=0.05)
+    words = ("--model", model_of("vio-apr"), "--recording", recording, "--out", tmp_path / "x.csv")
+    assert "--calibration: expected method chain, which it is for, got vio-apr" in fails(
+        "localize", *words, "--calibration", given[0]
+    )

@@ -114,7 +114,7 @@ def test_walks_that_are_too_short_are_refused():
     still = case_of(WalkParams(duration_s=10.0, speed_m_s=0.01), 1)
     with pytest.raises(ParameterError, match="walk-1: expected walks of at least 4 m"):
         calibrate([still])
-    with pytest.raises(ParameterError, match="at least 10 frames"):
+    with pytest.raises(ParameterError, match="at least 10 frames that have both a prediction"):
         calibrate([short])
     with pytest.raises(ParameterError, match="at least one walk"):
         calibrate([])

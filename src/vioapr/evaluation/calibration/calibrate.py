@@ -63,12 +63,13 @@ def calibrate_pair(cases: Sequence[Case], trials: Trials) -> PairCalibration:
         ParameterError: The walks are too short, or have too few predictions.
     """
     _, tracker, regressor = cases[0].group
-    frames = sum(int((c.has_gt & c.frames.inputs.has_apr).sum()) for c in cases)
-    if frames < _LEAST_FRAMES:
+    counts = [int((c.has_gt & c.frames.inputs.has_apr).sum()) for c in cases]
+    if max(counts) < _LEAST_FRAMES:
         raise ParameterError(
-            f"walks: expected at least {_LEAST_FRAMES} frames with both a prediction of "
-            f"{regressor!r} and ground truth, got {frames}"
+            f"walks: expected one with at least {_LEAST_FRAMES} frames that have both a prediction "
+            f"of {regressor!r} and ground truth, got {max(counts)}"
         )
+    cases = [case for case, n in zip(cases, counts, strict=True) if n >= _LEAST_FRAMES]
     walks = by_walk(cases)
     folds = [[c for c in cases if walk_of(c) != name] for name in walks] if len(walks) > 1 else []
     whole, *others = choose_settings([cases, *folds], trials)
