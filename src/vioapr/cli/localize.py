@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, cast
 
 import tyro
 
@@ -196,7 +196,9 @@ def _fuse_as_calibrated(
     pair: PairCalibration, contract: Contract, walk: LocalizedWalk
 ) -> FusedWalk:
     """Fuse a file's predictions by its method with other parameters; warns of a misfit."""
-    params = params_from_calibration(pair.setting, ChainParams(**contract.fixed_params))
+    own = cast("dict[str, Any]", contract.fixed_params)
+    known = {name: own[name] for name in ChainParams.__dataclass_fields__ if name in own}
+    params = params_from_calibration(pair.setting, ChainParams(**known))
     frames = walk.paired
     fused = fuse_walk(CHAIN, params, frames, view="live")
     warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status)

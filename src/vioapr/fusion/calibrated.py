@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import tomlkit
 
@@ -45,17 +46,19 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     for line in _HEAD:
         document.add(tomlkit.comment(line))
     document["format"], document["version"] = Calibration.FORMAT, Calibration.VERSION
-    for key, value in _rounded(to_plain(calibration)).items():
+    members: dict[str, Any] = _rounded(to_plain(calibration))
+    for key, value in members.items():
         document[key] = value
     write_text(path, tomlkit.dumps(document))
 
 
-def _rounded(value: object) -> object:
+def _rounded(value: Any) -> Any:
     """Plain values with numbers of a few digits, and without members that are None."""
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items() if item is not None}
+        members = cast("dict[str, Any]", value)
+        return {key: _rounded(item) for key, item in members.items() if item is not None}
     if isinstance(value, list):
-        return [_rounded(item) for item in value]
+        return [_rounded(item) for item in cast("list[Any]", value)]
     return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
 
 

@@ -129,7 +129,7 @@ def read_odometer(case: Case) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         readings.append(float(odometer.readings[0, 0]))
     is_lost = ~np.asarray(inputs.tracking_ok)
     is_first = np.asarray(inputs.tracking_reset) | np.concatenate([[False], is_lost[:-1]])
-    return np.array(readings), np.cumsum(is_first)
+    return np.array(readings), np.cumsum(is_first, dtype=np.intp)
 
 
 def find_stretches(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +104,7 @@ class Trials:
         frames = stack_walks([case.frames for case, _ in runs])
         estimates = run_steps(METHOD, params, frames, tick=tick)
         for column, (case, setting) in enumerate(runs):
-            own = cast("Estimate", tree_at(estimates, (slice(0, len(case.frames)), column)))
+            own = tree_at(estimates, (slice(0, len(case.frames)), column))
             self.known[id(case), setting] = judge(case, own)
 
 
