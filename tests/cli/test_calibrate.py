@@ -130,6 +130,13 @@ def test_a_misfit_and_other_names_are_told(run, fails, files, calibration, tmp_p
     told = " ".join(err.split())
     assert "the calibration is of tracker 'arkit' and used with 'phone'" in told
     assert "the calibration does not fit: predictions lie" in told
+    line = fails(*fuse, "--strict", "--overwrite")
+    assert "tracker 'arkit' and used with 'phone'" in line
+    assert line.endswith("or go on without --strict")
+    own = with_pair(calibration, tmp_path / "own.toml", disagreement=Disagreement(0.01, 0.05, 1.2))
+    assert "the calibration does not fit: predictions lie" in fails(
+        *fuse[:-1], own, "--strict", "--overwrite"
+    )
 
 
 def test_evaluate_takes_it(run, fails, walks, calibration, tmp_path):
@@ -150,7 +157,9 @@ def test_evaluate_takes_it(run, fails, walks, calibration, tmp_path):
     strange = with_pair(calibration, tmp_path / "strange.toml", regressor="dfnet")
     code, _, err = run(*evaluate, "--calibration", strange)
     assert code == 0
-    assert "the calibration is of regressor 'dfnet' and used with 'net'" in " ".join(err.split())
+    told = "the calibration is of regressor 'dfnet' and used with 'net'"
+    assert told in " ".join(err.split())
+    assert told in fails(*evaluate, "--calibration", strange, "--strict")
 
 
 def test_a_wrong_file_is_refused_before_the_work(fails, files, walks, tmp_path):

@@ -19,6 +19,7 @@ from safetensors.torch import save_file  # noqa: E402
 from tests.regression.toy import make_scene, spec  # noqa: E402
 
 from vioapr.formats.registry import read_trajectory  # noqa: E402
+from vioapr.fusion.calibrated import read_calibration  # noqa: E402
 from vioapr.regression.checkpoint import load_tensors, save_regressor  # noqa: E402
 from vioapr.regression.networks import build  # noqa: E402
 from vioapr.scene.scene import Scene  # noqa: E402
@@ -132,6 +133,27 @@ def test_a_scene_that_the_regressor_does_not_know(run, regressor, tmp_path):
     code, out, err = run("predict", garden.folder, "--model", regressor)
     assert code == 0, err
     assert "note: 'Garden' is none of the scenes that this regressor knows: 'Box'" in out
+
+
+@pytest.mark.slow
+def test_a_scene_is_calibrated_with_a_model(run, fails, regressor, tmp_path):
+    garden = make_scene(tmp_path / "garden", train=1, test=2, frames=40, name="Garden")
+    out = tmp_path / "calibration.toml"
+    words = ("calibrate", garden.folder, "--model", regressor, "--out", out)
+    code, text, err = run(*words)
+    assert code == 0, err
+    (pair,) = read_calibration(out).pairs
+    assert (pair.tracker, pair.regressor) == ("arkit", "mobile")
+    assert pair.made_from.walks == ("test/test-1", "test/test-2")
+    assert "arkit with mobile: 2 walks" in text
+    # Predictions of before are kept; training recordings are used under protest.
+    code, text, err = run(*words, "--overwrite", "--split", "train")
+    assert code == 0, err
+    assert "give others where you can" in " ".join(err.split())
+    assert read_calibration(out).pairs[0].made_from.walks == ("train/train-1",)
+    assert "expected train, test or all, got 'some'" in fails(
+        *words, "--overwrite", "--split", "some"
+    )
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vioapr.cli.console import is_given, warn
 from vioapr.cli.parameters import parameters_of
-from vioapr.errors import ParameterError
+from vioapr.errors import ParameterError, SuspectTrackError
 from vioapr.evaluation.calibration.calibrate import group_by_pair
 from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import Result
@@ -55,18 +55,28 @@ def name_of(path: Path, prefix: str) -> str | None:
     return re.sub(r"(?<=[^\d])\d+$", "", name) if prefix == VIO_PREFIX else name
 
 
-def pair_of_files(calibration: Calibration, apr: Path, vio: Path) -> PairCalibration:
-    """The pair for a walk's files, by their names; see `find_pair`."""
-    return pick_pair(calibration, name_of(vio, VIO_PREFIX), name_of(apr, APR_PREFIX))
+def pair_of_files(
+    calibration: Calibration, apr: Path, vio: Path, *, strict: bool
+) -> PairCalibration:
+    """The pair for a walk's files, by their names; see `pick_pair`."""
+    names = name_of(vio, VIO_PREFIX), name_of(apr, APR_PREFIX)
+    return pick_pair(calibration, *names, strict=strict)
 
 
 def pick_pair(
-    calibration: Calibration, tracker: str | None, regressor: str | None
+    calibration: Calibration, tracker: str | None, regressor: str | None, *, strict: bool = False
 ) -> PairCalibration:
     """The pair for a tracker and a regressor; warns where the only one is of others.
 
+    Args:
+        calibration: What was found.
+        tracker: Its name, or None.
+        regressor: Its name, or None.
+        strict: Whether to refuse it instead.
+
     Raises:
         ParameterError: There are several, and not just one is for them.
+        SuspectTrackError: The only one is of others, with `strict`.
     """
     pair = find_pair(calibration, tracker, regressor)
     for kind, used, own in (
@@ -74,11 +84,19 @@ def pick_pair(
         ("regressor", regressor, pair.regressor),
     ):
         if used not in (None, own):
-            warn(
+            _object(
                 f"the calibration is of {kind} {own!r} and used with {used!r}: calibrate with "
-                "walks of that one"
+                "walks of that one",
+                strict=strict,
             )
     return pair
+
+
+def _object(text: str, *, strict: bool) -> None:
+    """Warn, or refuse."""
+    if strict:
+        raise SuspectTrackError(f"{text}; or go on without `strict`")
+    warn(text)
 
 
 def calibrated_params(pair: PairCalibration, params: Any) -> ChainParams:
@@ -98,10 +116,16 @@ def warn_of_misfit(
     inputs: FrameInput,
     world_from_cam: Rigid3,
     status: NDArray[np.integer],
+    *,
+    strict: bool,
 ) -> None:
-    """Warn where predictions and answers disagree as they did on no walk of the calibration."""
+    """Warn where predictions and answers disagree as they did on no walk of the calibration.
+
+    Raises:
+        SuspectTrackError: They do, with `strict`.
+    """
     if (text := explain_misfit(pair, inputs, world_from_cam, status)) is not None:
-        warn(f"the calibration does not fit: {text}")
+        _object(f"the calibration does not fit: {text}", strict=strict)
 
 
 def tabulate_calibrated(
@@ -111,6 +135,7 @@ def tabulate_calibrated(
     *,
     view: View,
     tick: Tick,
+    strict: bool,
 ) -> Evaluation:
     """Fuse every case with every method, method `chain` as calibrated for its pair.
 
@@ -121,6 +146,11 @@ def tabulate_calibrated(
             with a warning.
         view: The same.
         tick: The same.
+        strict: Whether to refuse what is otherwise warned of.
+
+    Raises:
+        ParameterError: The calibration does not hold a pair, with `strict`.
+        SuspectTrackError: It does not fit, with `strict`.
     """
     order = list(dict.fromkeys(case.group for case in cases))
     results: list[Result] = []
@@ -128,20 +158,22 @@ def tabulate_calibrated(
     for (tracker, regressor), of_pair in group_by_pair(cases).items():
         params, pair = dict(params_of_method), None
         try:
-            pair = pick_pair(calibration, tracker, regressor)
+            pair = pick_pair(calibration, tracker, regressor, strict=strict)
             params[CHAIN.name] = calibrated_params(pair, params[CHAIN.name])
         except ParameterError as error:
+            if strict:
+                raise
             warn(f"not calibrated: {error}")
         done = tabulate(of_pair, params, view=view, tick=tick)
         results += done.results
         groups += done.groups
         if pair is not None:
-            _warn_of_misfits(pair, done.results)
+            _warn_of_misfits(pair, done.results, strict=strict)
     groups.sort(key=lambda group: order.index((group.set_name, group.vio, group.apr)))
     return Evaluation(results, groups)
 
 
-def _warn_of_misfits(pair: PairCalibration, results: Sequence[Result]) -> None:
+def _warn_of_misfits(pair: PairCalibration, results: Sequence[Result], *, strict: bool) -> None:
     """One warning for all walks of a tracker and a regressor."""
     found: dict[str, str] = {}
     own = [result for result in results if result.method == CHAIN.name]
@@ -152,4 +184,7 @@ def _warn_of_misfits(pair: PairCalibration, results: Sequence[Result]) -> None:
             found[result.case.title] = text
     if found:
         title, text = next(iter(found.items()))
-        warn(f"the calibration does not fit {len(found)} of {len(own)} walks, e.g. {title}: {text}")
+        _object(
+            f"the calibration does not fit {len(found)} of {len(own)} walks, e.g. {title}: {text}",
+            strict=strict,
+        )

@@ -136,7 +136,9 @@ def evaluate(
         if known is None:
             results, groups = tabulate(cases, chosen, view=view, tick=tick)
         else:
-            results, groups = tabulate_calibrated(cases, chosen, known, view=view, tick=tick)
+            results, groups = tabulate_calibrated(
+                cases, chosen, known, view=view, tick=tick, strict=strict
+            )
     print_tables(groups, form)
     if json_out is not None:
         write_text(json_out, encode(to_records(groups), indent=1), overwrite=overwrite)

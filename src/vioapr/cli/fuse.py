@@ -107,7 +107,7 @@ def fuse(
     pair = None
     if calibration is not None:
         require_chain([method])
-        pair = pair_of_files(read_calibration(calibration), apr, vio)
+        pair = pair_of_files(read_calibration(calibration), apr, vio, strict=strict)
         chosen_params = calibrated_params(pair, chosen_params)
     options = ReadOptions(time_unit=time_unit, strict=strict)
     predictions = read_track(apr, apr_format, options, "apr_format")
@@ -128,7 +128,7 @@ def fuse(
     with progress(f"fusing by {method}", passes * len(frames)) as tick:
         fused = run(chosen, chosen_params, frames, view=view, tick=tick)
     if pair is not None:
-        warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status)
+        warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status, strict=strict)
     write_fused_csv(out, fused, overwrite=overwrite)
     say(f"{out}: {format_statuses(fused)}")
     if tum_out is None:

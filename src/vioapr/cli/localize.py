@@ -125,7 +125,9 @@ def localize_(
             turned = frames_of_images(images, replace(options, vio_from_cam=body_from_cam))
             frames = replace(turned, gt=frames.gt)
     localizer = OnnxLocalizer(model, threads=threads)
-    pair = None if calibration is None else _find_pair(calibration, localizer.contract)
+    pair = (
+        None if calibration is None else _find_pair(calibration, localizer.contract, strict=strict)
+    )
     watchers: list[viewing.BrowserView | viewing.RerunFile] = []
     if rrd is not None:
         watchers.append(viewing.RerunFile(frames, rrd, overwrite=overwrite))
@@ -142,7 +144,9 @@ def localize_(
     given = str(vio or recording or images), str(gt) if gt else ""
     found = check_localized(walk, *given, is_file=images is not None)
     warn_of_tracks(found, strict=strict)
-    fused = walk.fused if pair is None else _fuse_as_calibrated(pair, localizer.contract, walk)
+    fused = walk.fused
+    if pair is not None:
+        fused = _fuse_as_calibrated(pair, localizer.contract, walk, strict=strict)
     write_fused_csv(out, fused, overwrite=overwrite)
     say(f"{out}: {format_statuses(fused)}")
     if frames.gt is not None:
@@ -185,15 +189,15 @@ def _find_mount(vio_from_cam: str, model: Path, threads: int | None, frames: Wal
     return found.body_from_cam
 
 
-def _find_pair(path: Path, contract: Contract) -> PairCalibration:
+def _find_pair(path: Path, contract: Contract, *, strict: bool) -> PairCalibration:
     """Read the calibration for a file's regressor."""
     require_chain([contract.method or "none"])
     model = contract.regressor.model.replace(":", "-")
-    return pick_pair(read_calibration(path), None, model or None)
+    return pick_pair(read_calibration(path), None, model or None, strict=strict)
 
 
 def _fuse_as_calibrated(
-    pair: PairCalibration, contract: Contract, walk: LocalizedWalk
+    pair: PairCalibration, contract: Contract, walk: LocalizedWalk, *, strict: bool
 ) -> FusedWalk:
     """Fuse a file's predictions by its method with other parameters; warns of a misfit."""
     own = cast("dict[str, Any]", contract.fixed_params)
@@ -201,7 +205,7 @@ def _fuse_as_calibrated(
     params = params_from_calibration(pair.setting, ChainParams(**known))
     frames = walk.paired
     fused = fuse_walk(CHAIN, params, frames, view="live")
-    warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status)
+    warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status, strict=strict)
     return fused
 
 
