@@ -75,12 +75,17 @@ def judge_group(cases: Sequence[Case], counts: Sequence[str]) -> dict[str, Any]:
     picks = [fold.pick(count) for count in counts for fold in folds]
     chosen = choose_settings(picks, trials)
     set_name, tracker, regressor = cases[0].group
-    record: dict[str, Any] = {"set": set_name, "tracker": tracker, "regressor": regressor}
-    record["walks"] = len(folds)
+    results: dict[str, Any] = {}
     for number, count in enumerate(counts):
         own = chosen[number * len(folds) : (number + 1) * len(folds)]
-        record[count] = judge_folds(folds, own, trials)
-    return record
+        results[count] = judge_folds(folds, own, trials)
+    return {
+        "set": set_name,
+        "tracker": tracker,
+        "regressor": regressor,
+        "walks": len(folds),
+        "by_count": results,
+    }
 
 
 def judge_folds(folds: Sequence[Fold], choices: Sequence[Choice], trials: Trials) -> dict[str, Any]:
@@ -97,7 +102,7 @@ def judge_folds(folds: Sequence[Fold], choices: Sequence[Choice], trials: Trials
 
 def pool(records: Iterable[dict[str, Any]], count: str) -> dict[str, Any]:
     """Several groups' figures: geometric means of ratios, means of coverage, over all walks."""
-    walks = [walk for one in records for walk in one.get(count, {}).get("by_walk", [])]
+    walks = [walk for one in records for walk in one["by_count"].get(count, {}).get("by_walk", [])]
     if not walks:
         return {}
     ratios = {
@@ -132,7 +137,8 @@ def table_of(records: Sequence[dict[str, Any]], counts: Sequence[str]) -> Table:
             pooled = pool(members, count)
             if not pooled:
                 continue
-            groups = [list(one[count]["calibrated"].values()) for one in members if count in one]
+            results = [one["by_count"].get(count) for one in members]
+            groups = [list(one["calibrated"].values()) for one in results if one]
             cells = [
                 " ".join(f"{ratio:.2f}" for ratio in ratios)
                 for ratios in (

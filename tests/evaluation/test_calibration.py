@@ -12,6 +12,7 @@ from vioapr.evaluation.calibration.calibrate import calibrate
 from vioapr.evaluation.calibration.choice import UNCALIBRATED
 from vioapr.evaluation.calibration.regressor import look_at_m, measure_regressor, view_length_m
 from vioapr.evaluation.calibration.sigmas import PROMISED, coverage_of, fit_factor
+from vioapr.evaluation.calibration.thinning import thin
 from vioapr.evaluation.calibration.tracker import measure_tracker, measure_walk, read_odometer
 from vioapr.evaluation.calibration.trials import Trials, judge, mean_ratios
 from vioapr.evaluation.cases import Case
@@ -181,6 +182,24 @@ def test_what_is_not_answered_counts_as_the_raw_prediction(drifting):
     trial = judge(case, nowhere)
     np.testing.assert_array_equal(trial.errors.position_m, trial.raw.position_m)
     np.testing.assert_allclose(mean_ratios([trial]), 1.0)
+
+
+def test_long_walks_are_thinned_and_keep_losses(drifting):
+    case = drifting[0]
+    assert thin(case, most=len(case.frames)) is case
+    count = len(case.frames)
+    ok, reset, has_apr = np.ones(count, bool), np.zeros(count, bool), np.arange(count) % 3 == 0
+    ok[100], reset[200] = False, True
+    inputs = case.frames.inputs._replace(tracking_ok=ok, tracking_reset=reset, has_apr=has_apr)
+    names = tuple(map(str, range(count)))
+    told = dataclasses.replace(case, frames=PairedFrames(inputs, names))
+    thinned = thin(told, most=50)
+    kept = np.array(list(map(int, thinned.frames.names)))
+    assert set(kept) == {*range(0, count, 9), 100, 200}
+    np.testing.assert_array_equal(thinned.frames.timestamp_s, case.frames.timestamp_s[kept])
+    np.testing.assert_array_equal(
+        thinned.gt_world_from_cam.translation_m, case.gt_world_from_cam.translation_m[kept]
+    )
 
 
 @pytest.fixture(scope="module")

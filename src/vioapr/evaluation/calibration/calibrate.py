@@ -12,6 +12,7 @@ from vioapr.errors import ParameterError
 from vioapr.evaluation.calibration.choice import UNCALIBRATED, Choice, choose_settings
 from vioapr.evaluation.calibration.regressor import measure_regressor
 from vioapr.evaluation.calibration.sigmas import coverage_of, to_coverage
+from vioapr.evaluation.calibration.thinning import thin
 from vioapr.evaluation.calibration.tracker import walked_m
 from vioapr.evaluation.calibration.trials import Trial, Trials, mean_ratios
 from vioapr.evaluation.cases import Case
@@ -41,6 +42,7 @@ def calibrate(cases: Sequence[Case], *, progress: Progress = silent) -> Calibrat
     """
     if not cases:
         raise ParameterError("walks: expected at least one walk with ground truth, got none")
+    cases = [thin(case) for case in cases]
     trials = Trials(progress)
     pairs = [calibrate_pair(of_pair, trials) for of_pair in group_by_pair(cases).values()]
     return Calibration(
