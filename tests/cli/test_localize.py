@@ -16,7 +16,7 @@ from tests.localizers import images
 from vioapr.errors import VioAprError
 from vioapr.evaluation.calibration.choice import UNCALIBRATED
 from vioapr.formats import tum
-from vioapr.fusion.calibrated import write_calibration
+from vioapr.fusion.calibrated import read_calibration, write_calibration
 from vioapr.runtime.session import open_session
 from vioapr.scene.frames import Tracking
 from vioapr.scene.scene import Scene
@@ -288,6 +288,21 @@ def test_errors_are_the_projects_own():
     from vioapr.errors import ContractError
 
     assert issubclass(ContractError, VioAprError)
+
+
+def test_a_scene_is_calibrated_with_an_exported_file(run, fails, model_of, scene, tmp_path):
+    out = tmp_path / "calibration.toml"
+    words = ("calibrate", scene.folder, "--model", model_of("vio-apr"), "--out", out)
+    code, _, err = run(*words)
+    assert code == 0, err
+    (pair,) = read_calibration(out).pairs
+    assert (pair.tracker, pair.regressor) == ("arkit", "tiny")
+    assert pair.made_from.walks == ("Place/walk",)
+    assert 15 <= pair.made_from.frames <= FRAMES
+    scene.gt_path("walk").unlink()
+    assert "expected recordings with ground truth in the split 'test'" in fails(
+        *words, "--overwrite"
+    )
 
 
 def test_another_calibration_is_tried_without_a_new_export(

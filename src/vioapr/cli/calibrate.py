@@ -25,7 +25,9 @@ from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.body_from_cam import AUTO
 from vioapr.fusion.calibrated import write_calibration
 from vioapr.report.formatting import format_error, format_number
-from vioapr.scene.scene import SCENE_FILE
+from vioapr.runtime.localizer import OnnxLocalizer
+from vioapr.runtime.walk import frames_of_recording, localize
+from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.walks import find_walks
 from vioapr.schemas.base import to_plain
 from vioapr.schemas.calibration import Coverage, PairCalibration, Ratios
@@ -70,7 +72,8 @@ def calibrate(
             them; or, with --model, one scene with ground truth.
         out: File to write, e.g. calibration.toml.
         model: A regressor's file, or the folder that `vioapr train` left it in: the scene's images
-            are predicted first, as `vioapr predict` does.
+            are predicted first, as `vioapr predict` does. Or what `vioapr export` wrote, to predict
+            without PyTorch.
         split: With --model: which recordings. Errors on those that the regressor was trained with
             are too small.
         trackers: Only these, separated by commas; by default all.
@@ -88,21 +91,34 @@ def calibrate(
     """
     if form in ("csv", "json"):
         send_messages_aside()
-    if model is not None:
-        paths, regressors = _predict(paths, model, split, out, regressors, overwrite=overwrite)
-    skip = None if strict else warn_of_skipped
-    folders = find_walks(paths, refuse if strict else warn_of_skipped)
-    read = [path for walk in folders for path in walk.paths]
+    read = [] if model is None else [model]
     if vio_from_cam not in (None, AUTO):
         read.append(Path(vio_from_cam))
     check_outputs([out], read, overwrite=overwrite)
-    with progress("reading walks", len(folders)) as tick:
-        options = ReadOptions(time_unit=time_unit, strict=strict)
-        reader = WalkReader(options, vio_from_cam, say, warn)
-        cases = load_cases(folders, tolerance_s=tolerance_s, reader=reader, skip=skip, tick=tick)
+    if model is not None:
+        scene = _open_scene(paths, regressors, split)
+    if model is not None and model.suffix == ".onnx":
+        cases = predict_cases(scene, model, split)
+    else:
+        if model is not None:
+            done = predict_split(paths[0], model, split)
+            paths, regressors = (done.folder,), done.name
+        folders = find_walks(paths, refuse if strict else warn_of_skipped)
+        files = [path for walk in folders for path in walk.paths]
+        check_outputs([out], [*read, *files], overwrite=overwrite)
+        with progress("reading walks", len(folders)) as tick:
+            options = ReadOptions(time_unit=time_unit, strict=strict)
+            reader = WalkReader(options, vio_from_cam, say, warn)
+            skip = None if strict else warn_of_skipped
+            cases = load_cases(
+                folders, tolerance_s=tolerance_s, reader=reader, skip=skip, tick=tick
+            )
     cases = select(cases, trackers, regressors)
     calibration = calibrate_cases(cases, progress=progress)
-    show([table_of(calibration.pairs)], form, calibration, [_HOW_TO_READ])
+    tables, notes = [table_of(calibration.pairs)], [_HOW_TO_READ]
+    if form == "table" and not any(pair.left_out for pair in calibration.pairs):
+        tables, notes = [], []
+    show(tables, form, calibration, notes)
     for pair in calibration.pairs:
         for line in describe(pair):
             say(line)
@@ -112,30 +128,53 @@ def calibrate(
     say(f"{out}: {len(calibration.pairs)} tracker(s) with a regressor")
 
 
-def _predict(
-    paths: Sequence[Path],
-    model: Path,
-    split: str,
-    out: Path,
-    regressors: str | None,
-    *,
-    overwrite: bool,
-) -> tuple[tuple[Path, ...], str]:
-    """Predict a scene's images; the folder of walks, and the regressor's name there."""
+def _open_scene(paths: Sequence[Path], regressors: str | None, split: str) -> Scene:
+    """Open the one scene whose images are to be predicted."""
     if len(paths) != 1 or not (paths[0] / SCENE_FILE).is_file():
         raise ParameterError("paths: expected one scene, as `model` predicts its images")
     if regressors is not None:
         raise ParameterError("`regressors` and `model` do not go together: it is the model's")
     if split not in ("train", "test", "all"):
         raise ParameterError(f"split: expected train, test or all, got {split!r}")
-    check_outputs([out], [model], overwrite=overwrite)
     if split != "test":
         warn(
             "recordings that the regressor was trained with are used: it errs less on them than "
             "elsewhere, so give others where you can"
         )
-    done = predict_split(paths[0], model, split)
-    return (done.folder,), done.name
+    return Scene.open(paths[0])
+
+
+def predict_cases(scene: Scene, model: Path, split: str) -> list[Case]:
+    """Predict the images of a scene's recordings by an exported file.
+
+    Args:
+        scene: Recordings without ground truth are left out.
+        model: What `vioapr export` wrote.
+        split: Which recordings.
+
+    Raises:
+        ParameterError: None of them has ground truth.
+        FileError: The model or a recording cannot be read.
+    """
+    ids = scene.recording_ids if split == "all" else list(scene.splits.get(split, ()))
+    known = {id_: gt for id_ in ids if (gt := scene.gt(id_)) is not None}
+    if not known:
+        raise ParameterError(
+            f"{scene.folder}: expected recordings with ground truth in the split {split!r}, found "
+            "none: make it with vioapr map"
+        )
+    localizer = OnnxLocalizer(model)
+    regressor = (localizer.contract.regressor.model or "regressor").replace(":", "-")
+    walks = {id_: frames_of_recording(scene.recording_folder(id_)) for id_ in known}
+    cases: list[Case] = []
+    with progress("predicting", sum(map(len, walks.values()))) as tick:
+        for id_, frames in walks.items():
+            localizer.reset()
+            walk = localize(localizer, frames, lambda _: tick())
+            tracker = (scene.recording(id_).info.tracker or "vio").lower()
+            gt = walk.gt_world_from_cam(known[id_])
+            cases.append(Case(scene.name, id_, tracker, regressor, walk.paired, gt))
+    return cases
 
 
 def select(cases: Sequence[Case], trackers: str | None, regressors: str | None) -> list[Case]:
