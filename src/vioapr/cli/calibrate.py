@@ -24,13 +24,14 @@ from vioapr.files.outputs import check_outputs
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.body_from_cam import AUTO
 from vioapr.fusion.calibrated import write_calibration
+from vioapr.plurals import count_of
 from vioapr.report.formatting import format_error, format_number
 from vioapr.runtime.localizer import OnnxLocalizer
 from vioapr.runtime.walk import frames_of_recording, localize
 from vioapr.scene.scene import SCENE_FILE, Scene
 from vioapr.scene.walks import find_walks
 from vioapr.schemas.base import to_plain
-from vioapr.schemas.calibration import Coverage, PairCalibration, Ratios
+from vioapr.schemas.calibration import Calibration, Coverage, PairCalibration, Ratios
 from vioapr.trajectory import DEFAULT_TOLERANCE_S
 
 _ENOUGH_WALKS = 2
@@ -106,26 +107,33 @@ def calibrate(
         folders = find_walks(paths, refuse if strict else warn_of_skipped)
         files = [path for walk in folders for path in walk.paths]
         check_outputs([out], [*read, *files], overwrite=overwrite)
+        reader = WalkReader(
+            ReadOptions(time_unit=time_unit, strict=strict), vio_from_cam, say, warn
+        )
+        skip = None if strict else warn_of_skipped
         with progress("reading walks", len(folders)) as tick:
-            options = ReadOptions(time_unit=time_unit, strict=strict)
-            reader = WalkReader(options, vio_from_cam, say, warn)
-            skip = None if strict else warn_of_skipped
             cases = load_cases(
                 folders, tolerance_s=tolerance_s, reader=reader, skip=skip, tick=tick
             )
     cases = select(cases, trackers, regressors)
     calibration = calibrate_cases(cases, progress=progress)
-    tables, notes = [table_of(calibration.pairs)], [_HOW_TO_READ]
-    if form == "table" and not any(pair.left_out for pair in calibration.pairs):
+    report(calibration, form)
+    write_calibration(out, calibration)
+    say(f"{out}: {count_of(len(calibration.pairs), 'pair')} of a tracker and a regressor")
+
+
+def report(calibration: Calibration, form: str) -> None:
+    """Print how each pair fares on walks left out, what was found, and what is in doubt."""
+    pairs = calibration.pairs
+    tables, notes = [table_of(pairs)], [_HOW_TO_READ]
+    if form == "table" and not any(pair.left_out for pair in pairs):
         tables, notes = [], []
     show(tables, form, calibration, notes)
-    for pair in calibration.pairs:
+    for pair in pairs:
         for line in describe(pair):
             say(line)
         for text in doubts(pair):
             warn(f"{pair.tracker} with {pair.regressor}: {text}")
-    write_calibration(out, calibration)
-    say(f"{out}: {len(calibration.pairs)} tracker(s) with a regressor")
 
 
 def _open_scene(paths: Sequence[Path], regressors: str | None, split: str) -> Scene:
@@ -242,7 +250,7 @@ def describe(pair: PairCalibration) -> list[str]:
         turned, moved = (math.sqrt(rate) for rate in rates)
         assumed = f"{format_error(math.degrees(turned))} deg and {format_error(moved)} m per root m"
     return [
-        f"{pair.tracker} with {pair.regressor}: {len(made.walks)} walks, "
+        f"{pair.tracker} with {pair.regressor}: {count_of(len(made.walks), 'walk')}, "
         f"{format_number(made.metres, 0)} m, {format_number(made.seconds / 60, 1)} min, "
         f"{made.frames} frames with ground truth",
         f"  the tracker drifts by {tilt} deg of tilt, {heading} deg of heading and "
