@@ -175,12 +175,18 @@ def best(
 
 
 def _unusual(setting: ChainSetting, drift: TrackerDrift) -> float:
-    """How many decades a setting's drift is off the usual one; of a learned one, one decade."""
+    """How many decades a setting's drift is off the usual one; of a learned one, one decade.
+
+    Less drift counts twice: to believe a tracker too much costs more than too little.
+    """
     if setting.position_drift_m2_per_m < 0:
         return 1.0
     _, heading, position = rates(drift, 1.0, _USUAL_FACTOR, _USUAL_FACTOR)
-    turned = math.log10(setting.heading_drift_rad2_per_m / heading)
-    return max(turned, abs(math.log10(setting.position_drift_m2_per_m / position)))
+    decades = (
+        math.log10(setting.heading_drift_rad2_per_m / heading),
+        math.log10(setting.position_drift_m2_per_m / position),
+    )
+    return max(*decades, *(-2 * one for one in decades))
 
 
 def with_sigmas(setting: ChainSetting, cases: Sequence[Case], trials: Trials) -> ChainSetting:
