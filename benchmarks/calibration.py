@@ -160,6 +160,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--sets", default="", help="names, separated by commas; default: all")
+    parser.add_argument("--trackers", default="", help="the same of trackers")
     parser.add_argument("--regressors", default="", help="the same of regressors")
     parser.add_argument("--counts", default="1,2,scene,set", help="of walks to calibrate with")
     parser.add_argument("--all-draws", action="store_true", help="of simulated trackers")
@@ -169,7 +170,8 @@ def main() -> None:
     if not data:
         sys.exit("set VIOAPR_DATA to the folder of real data")
     cases = load_cases(find_walks([Path(data) / "bench"]))
-    for names, member in ((options.sets, 0), (options.regressors, 2)):
+    chosen = (options.sets, options.trackers, options.regressors)
+    for member, names in enumerate(chosen):
         wanted = [name for name in names.split(",") if name]
         cases = [case for case in cases if not wanted or case.group[member] in wanted]
     if not options.all_draws:

@@ -25,6 +25,9 @@ from vioapr.schemas.calibration import ChainSetting, Disagreement, Gravity, Trac
 FACTORS = (1.0, 10.0, 100.0, 1000.0)
 """Times the measured variances. The largest believe the tracker in nothing."""
 
+_HOPELESS_FACTORS = (100.0, 1000.0)
+"""Of a tracker that loses itself, in all that it says."""
+
 _USUAL_FACTOR = 10.0
 """Suits most trackers, and decides between settings that do about the same."""
 
@@ -115,6 +118,8 @@ def candidates(drift: TrackerDrift) -> Iterator[ChainSetting]:
             tilt, heading, position = rates(drift, tilts, turned, _USUAL_FACTOR)
             yield ChainSetting(gravity, tilt, heading, position, _scale_error(drift))
         yield msgspec.structs.replace(UNCALIBRATED, gravity=gravity)
+    for factor in _HOPELESS_FACTORS:  # with little drift of position, they would not be seen
+        yield ChainSetting("none", *rates(drift, factor, factor, factor), _scale_error(drift))
     yield UNCALIBRATED
 
 
@@ -167,9 +172,9 @@ def best(
     def cost(setting: ChainSetting) -> float:
         logs = np.array([log_ratios(trials.of(case, setting)) for case in cases])
         figure = np.mean(logs, axis=0)
-        spread = np.std(np.mean(logs, axis=1))
-        losses = np.sum(np.maximum(figure, 0.0))
-        return float(np.mean(figure) + spread + losses) + _DECADE_COSTS * _unusual(setting, drift)
+        spread = float(np.std(np.mean(logs, axis=1)))
+        losses = float(np.sum(np.maximum(figure, 0.0)))
+        return float(np.mean(figure)) + spread + losses + _DECADE_COSTS * _unusual(setting, drift)
 
     return min(settings, key=cost)
 
