@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from vioapr.errors import ParameterError
 from vioapr.evaluation.calibration.sigmas import fit_factor
@@ -170,8 +171,10 @@ def best(
     """
 
     def cost(setting: ChainSetting) -> float:
-        logs = np.array([log_ratios(trials.of(case, setting)) for case in cases])
-        figure = np.mean(logs, axis=0)
+        logs: NDArray[np.float64] = np.array(
+            [log_ratios(trials.of(case, setting)) for case in cases]
+        )
+        figure: NDArray[np.float64] = logs.mean(axis=0)
         spread = float(np.std(np.mean(logs, axis=1)))
         losses = float(np.sum(np.maximum(figure, 0.0)))
         return float(np.mean(figure)) + spread + losses + _DECADE_COSTS * _unusual(setting, drift)
