@@ -235,3 +235,13 @@ def test_one_walk_is_enough(minutes):
         assert pair.left_out is None
         assert pair.setting.gravity != "none"
         assert pair.setting == pairs[0].setting
+
+
+def test_walks_that_mislead_each_other_leave_drift_to_be_learned(minutes):
+    lost = TrackerErrors(heading_drift_deg=40.0, scale_error=0.0, step_noise_m=2.0)
+    bad = case_of(WalkParams(duration_s=60.0, tracker=lost), 7)
+    good = case_of(WalkParams(duration_s=60.0, tracker=TrackerErrors(0.05, 0.0, 0.002)), 8)
+    (pair,) = calibrate([good, bad]).pairs
+    assert pair.setting.position_drift_m2_per_m == -1
+    assert pair.left_out.calibrated == pair.left_out.uncalibrated
+    assert pair.setting.sigma_position_factor != 1

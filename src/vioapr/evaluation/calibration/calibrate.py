@@ -6,10 +6,16 @@ from collections.abc import Mapping, Sequence
 from datetime import date
 
 import numpy as np
+from msgspec.structs import asdict
 
 import vioapr
 from vioapr.errors import ParameterError
-from vioapr.evaluation.calibration.choice import UNCALIBRATED, Choice, choose_settings
+from vioapr.evaluation.calibration.choice import (
+    UNCALIBRATED,
+    Choice,
+    choose_settings,
+    learned,
+)
 from vioapr.evaluation.calibration.regressor import measure_regressor
 from vioapr.evaluation.calibration.sigmas import coverage_of, to_coverage
 from vioapr.evaluation.calibration.thinning import thin
@@ -27,6 +33,8 @@ from vioapr.schemas.calibration import (
 from vioapr.work.progress import Progress, silent
 
 _LEAST_FRAMES = 10
+_MOST_LOSS = 0.02
+"""As a logarithm, of errors on walks left out by a calibration that is still taken."""
 
 
 def calibrate(cases: Sequence[Case], *, progress: Progress = silent) -> Calibration:
@@ -74,7 +82,16 @@ def calibrate_pair(cases: Sequence[Case], trials: Trials) -> PairCalibration:
     cases = [case for case, n in zip(cases, counts, strict=True) if n >= _LEAST_FRAMES]
     walks = by_walk(cases)
     folds = [[c for c in cases if walk_of(c) != name] for name in walks] if len(walks) > 1 else []
-    whole, *others = choose_settings([cases, *folds], trials)
+    choices = choose_settings([cases, *folds], trials)
+    left_out = None
+    if folds:
+        held = list(walks.values())
+        left_out = judge_left_out(held, choices[1:], trials)
+        if loss_by(left_out) > _MOST_LOSS:  # what walks say of each other is worse than nothing
+            parts = zip([cases, *folds], choices, strict=True)
+            choices = [learned(part, choice, trials) for part, choice in parts]
+            left_out = judge_left_out(held, choices[1:], trials)
+    whole = choices[0]
     return PairCalibration(
         tracker=tracker,
         regressor=regressor,
@@ -83,8 +100,17 @@ def calibrate_pair(cases: Sequence[Case], trials: Trials) -> PairCalibration:
         disagreement=whole.disagreement,
         drift=whole.drift,
         errors=measure_regressor(cases),
-        left_out=judge_left_out(list(walks.values()), others, trials) if others else None,
+        left_out=left_out,
     )
+
+
+def loss_by(left_out: LeftOut) -> float:
+    """Logarithm of calibrated over uncalibrated errors, a mean of the four figures."""
+    own, other = (
+        np.log(np.maximum(list(asdict(ratios).values()), 1e-12))
+        for ratios in (left_out.calibrated, left_out.uncalibrated)
+    )
+    return float(np.mean(own - other))
 
 
 def walk_of(case: Case) -> str:

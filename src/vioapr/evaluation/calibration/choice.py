@@ -90,6 +90,12 @@ def choose_settings(folds: Sequence[Sequence[Case]], trials: Trials) -> list[Cho
     ]
 
 
+def learned(cases: Sequence[Case], choice: Choice, trials: Trials) -> Choice:
+    """The choice, but with drift that is learned while walking, and sigmas to go with it."""
+    setting = with_sigmas(UNCALIBRATED, cases, trials)
+    return Choice(choice.drift, setting, disagreement(UNCALIBRATED, cases, trials))
+
+
 def require_drift(cases: Sequence[Case]) -> TrackerDrift:
     """The tracker's drift.
 
