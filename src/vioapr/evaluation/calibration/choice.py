@@ -30,10 +30,10 @@ _HOPELESS_FACTORS = (100.0, 1000.0)
 """Of a tracker that loses itself, in all that it says."""
 
 _USUAL_FACTOR = 10.0
-"""Suits most trackers, and decides between settings that do about the same."""
+"""Suits most trackers: less drift has to earn it."""
 
-_DECADE_COSTS = 0.02
-"""How much better, as a logarithm, a factor ten times further from the usual has to do."""
+_DECADE_COSTS = 0.04
+"""How much better, as a logarithm, a factor ten times below the usual has to do."""
 
 _UPRIGHT_DEG = 15.0
 """Map and tracker whose ups are further apart do not both know it."""
@@ -183,24 +183,25 @@ def best(
         figure: NDArray[np.float64] = logs.mean(axis=0)
         spread = float(np.std(np.mean(logs, axis=1)))
         losses = float(np.sum(np.maximum(figure, 0.0)))
-        return float(np.mean(figure)) + spread + losses + _DECADE_COSTS * _unusual(setting, drift)
+        doubt = _DECADE_COSTS * _decades_below(setting, drift)
+        return float(np.mean(figure)) + spread + losses + doubt
 
     return min(settings, key=cost)
 
 
-def _unusual(setting: ChainSetting, drift: TrackerDrift) -> float:
-    """How many decades a setting's drift is off the usual one; of a learned one, one decade.
+def _decades_below(setting: ChainSetting, drift: TrackerDrift) -> float:
+    """By how many decades a setting's drift is below the usual one; of a learned one, half of one.
 
-    Less drift counts twice: to believe a tracker too much costs more than too little.
+    To believe a tracker too much costs more than too little.
     """
     if setting.position_drift_m2_per_m < 0:
-        return 1.0
+        return 0.5
     _, heading, position = rates(drift, 1.0, _USUAL_FACTOR, _USUAL_FACTOR)
-    decades = (
-        math.log10(setting.heading_drift_rad2_per_m / heading),
-        math.log10(setting.position_drift_m2_per_m / position),
+    return max(
+        math.log10(heading / setting.heading_drift_rad2_per_m),
+        math.log10(position / setting.position_drift_m2_per_m),
+        0.0,
     )
-    return max(*decades, *(-2 * one for one in decades))
 
 
 def with_sigmas(setting: ChainSetting, cases: Sequence[Case], trials: Trials) -> ChainSetting:
