@@ -304,11 +304,11 @@ def _drift(params: ChainParams, noise: Array, rates: Array) -> Array:
     As a calibration has found it, or as learned.
     """
     learned = _RATE_FACTOR * rates * (constant(_UNITS, noise) @ (noise * noise))
-    given = (
+    given: list[float | Array] = [
         params.tilt_drift_rad2_per_m,
         params.heading_drift_rad2_per_m,
         params.position_drift_m2_per_m,
-    )
+    ]
     if all(isinstance(value, float | int) and value < 0 for value in given):
         return learned
     known = in_a_column(given, learned)
