@@ -7,8 +7,9 @@ depends on the view, noise, look-alike places), 20 seeds, 2 Hz; each fault begin
 `during` is the median error over the fault's frames (for a fault of one moment, over the 10 s
 after it); `recovered` the seconds from the fault's end until the error stays, for five seconds,
 below the 95th percentile of the same method's on the same walk without the fault; `sigma` the
-median of the stated sigma during the fault over that without it. Means over the seeds' figures
-would hide single failures, so the median and the worst seed are given.
+median of the stated sigma during the fault over that without it. Errors and sigmas are those of
+the frames that have an answer; their share stands beside them. Means over the seeds' figures would
+hide single failures, so the median and the worst seed are given.
 """
 
 from __future__ import annotations
@@ -150,11 +151,11 @@ def thin_predictions(walk: Faulty, during: NDArray[np.bool_], rng: np.random.Gen
     def between(poses: Rigid3) -> Rigid3:
         return rigid.interpolate(poses.at(row), poses.at(row + 1), fraction)
 
-    is_vote = (np.diff(row, prepend=-1) > 0) & (row % 2 == 0)
+    is_predicted = (np.diff(row, prepend=-1) > 0) & (row % 2 == 0)
     frames = FrameInput(
         fine,
         walk.frames.apr_world_from_cam.at(row),
-        is_vote,
+        is_predicted,
         between(walk.frames.vio_from_cam),
         np.ones(len(fine), dtype=bool),
         np.zeros(len(fine), dtype=bool),
@@ -201,18 +202,23 @@ def judge(fault: Fault, clean: FusedWalk, fused: FusedWalk, gts: tuple[Rigid3, R
     window = (times >= begin) & (times <= max(end, begin + AFTERMATH_S))
     limit = np.nanpercentile(errors[0], 95)
     after = times > end
+    is_answer = window & np.isfinite(errors[1])
     figures = {
-        "during_m": float(np.nanmedian(errors[1][window])),
-        "coverage": float(np.isfinite(errors[1][window]).mean()),
+        "during_m": _median(errors[1][is_answer]),
+        "coverage": float(is_answer.sum() / window.sum()),
         "clean_m": float(np.nanmedian(errors[0])),
         "recovered_s": recovery_s(times[after] - end, errors[1][after] <= limit),
     }
     if fused.sigma_position_m is not None and clean.sigma_position_m is not None:
         usual = np.nanmedian(clean.sigma_position_m)
-        figures["sigma_ratio"] = float(np.nanmedian(fused.sigma_position_m[window]) / usual)
-        inside = errors[1][window] <= 3 * fused.sigma_position_m[window]
-        figures["within_3_sigma"] = float(inside.mean())
+        figures["sigma_ratio"] = _median(fused.sigma_position_m[is_answer]) / usual
+        inside = errors[1][is_answer] <= 3 * fused.sigma_position_m[is_answer]
+        figures["within_3_sigma"] = float(inside.mean()) if len(inside) else np.nan
     return figures
+
+
+def _median(values: NDArray[np.floating]) -> float:
+    return float(np.median(values)) if len(values) else np.nan
 
 
 def recovery_s(times: NDArray[np.floating], is_good: NDArray[np.bool_]) -> float:

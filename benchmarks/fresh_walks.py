@@ -193,7 +193,7 @@ def _text(figures: list[float]) -> str:
 
 
 def compare(before: dict, after: dict) -> str:
-    """Ratios of the chain' figures to an earlier version's."""
+    """Ratios of the figures of `chain` to an earlier version's."""
     ratios = {key: np.divide(after[key]["chain"][:4], before[key]["chain"][:4]) for key in after}
     ratios["mean"] = np.mean([*ratios.values()], axis=0)
     ratios["largest"] = np.max([*ratios.values()], axis=0)
