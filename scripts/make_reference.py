@@ -133,6 +133,8 @@ def cli_page() -> str:
         f"```\n{describe_verbs()}\n```\n",
         "## Statuses\n\nThe column `status` of `vioapr fuse` and `vioapr localize` is a name; "
         "ONNX files say the number.\n\n" + statuses_table(),
+        "## Localization states\n\nThe column `localization_state`, of methods that judge "
+        "themselves.\n\n" + states_table(),
     ]
     for name, verb in VERBS.items():
         parts.append(f"## vioapr {name}\n\n```\n{describe_verb(name, verb.load())}\n```\n")
@@ -147,15 +149,25 @@ def statuses_table() -> str:
     return f"| | status | where a frame's pose comes from |\n|---|---|---|\n{rows}"
 
 
-def with_statuses(page: Path) -> str:
-    """A page of someone's, with the table between its two marks made again."""
+def states_table() -> str:
+    """The table of localization states, the same wherever a page has one."""
+    from vioapr.fusion.types import LocalizationState
+
+    rows = "".join(f"| {s.value} | `{s.label}` | {s.meaning} |\n" for s in LocalizationState)
+    return f"| | localization state | what is known |\n|---|---|---|\n{rows}"
+
+
+TABLES = {"statuses": statuses_table, "localization states": states_table}
+
+
+def with_tables(page: Path) -> str:
+    """A page of someone's, with the tables between their two marks made again."""
     text = page.read_text(encoding="utf-8")
-    return re.sub(
-        r"(<!-- statuses: [^\n]*-->\n).*?(<!-- end of statuses -->)",
-        lambda found: f"{found[1]}\n{statuses_table()}\n{found[2]}",
-        text,
-        flags=re.S,
-    )
+    for name, make in TABLES.items():
+        begin, end = rf"(<!-- {name}: [^\n]*-->\n)", rf"(<!-- end of {name} -->)"
+        table = f"\n{make()}\n"
+        text = re.sub(f"{begin}.*?{end}", rf"\g<1>{table}\g<2>", text, flags=re.S)
+    return text
 
 
 def schemas_page() -> str:
@@ -209,7 +221,7 @@ def type_in_words(member: dict[str, Any]) -> str:
 
 
 PAGES = {"api.md": api_page, "cli.md": cli_page, "schemas.md": schemas_page}
-PAGES_WITH_STATUSES = ("README.md", "docs/guide/fuse.md", "docs/reference/contract.md")
+PAGES_WITH_TABLES = ("README.md", "docs/guide/fuse.md", "docs/reference/contract.md")
 
 
 def main() -> None:
@@ -218,7 +230,7 @@ def main() -> None:
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
     made = {REFERENCE / name: make() for name, make in PAGES.items()}
-    made |= {ROOT / name: with_statuses(ROOT / name) for name in PAGES_WITH_STATUSES}
+    made |= {ROOT / name: with_tables(ROOT / name) for name in PAGES_WITH_TABLES}
     stale: list[str] = []
     for path, text in made.items():
         if options.check:

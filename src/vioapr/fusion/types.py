@@ -15,7 +15,7 @@ from vioapr.geometry.tree import tree_at
 class Status(IntEnum):
     """Where a frame's pose comes from (paper, Figure 2)."""
 
-    UNLOCALIZED = 0, "no pose, all numbers nan: nothing is known yet, or the tracker is lost"
+    UNLOCALIZED = 0, "no pose, all numbers nan: nothing is known, the tracker is lost, or not here"
     TRACKED = 1, "VIO, carried on from earlier frames: this frame has no prediction that is used"
     KEYFRAME = 2, "the prediction, which VIO confirms (method vio-apr)"
     OPTIMIZED = 3, "the method computed it, in place of this frame's prediction"
@@ -42,7 +42,7 @@ class LocalizationState(IntEnum):
     SEARCHING = 0, "no prediction yet, or too few that agree"
     LOCALIZED = 1, "predictions and motion agree"
     UNCERTAIN = 2, "found before, but predictions contradict each other or the motion by now"
-    NOT_HERE = 3, "predictions do not tell of the motion: another place than the map's, or wiring"
+    NOT_HERE = 3, "predictions and motion contradict: another place than the map's, or wiring"
     LOST = 4, "the tracker does not know its pose"
 
     meaning: str

@@ -37,7 +37,7 @@ _STATUS_KEY = {
     Status.OPTIMIZED: "the prediction was replaced by a pose that the method computed",
     Status.TRACKED: "carried by odometry from the last reference",
     Status.PREDICTED: "the prediction, unchecked (method apr)",
-    Status.UNLOCALIZED: "no pose: nothing is known yet, or tracking is lost",
+    Status.UNLOCALIZED: "no pose: nothing is known, tracking is lost, or not here",
 }
 _VIEW_KEY = {
     "retrospective": "retrospective: predictions that later proved right count as keyframes",
