@@ -1,8 +1,8 @@
 """The best trajectory after a walk: the same method forwards and backwards, combined.
 
 A two-filter smoother: the forward pass knows the past of every frame, the backward pass its
-future. Both are means of votes with stated uncertainties, so each frame's poses are averaged by
-them. Causal estimates, as a phone needs them, come from `offline.py`.
+future. Both state their uncertainties, so each frame's poses are averaged by them. Causal
+estimates, as a phone needs them, come from `offline.py`.
 """
 
 from __future__ import annotations
