@@ -3,9 +3,9 @@
     VIOAPR_DATA=... python benchmarks/fresh_walks.py [--json FILE] [--against FILE]
         [--seed N] [--draws N] [--update-docs]
 
-The benchmark's walks were looked at while the method was made. Here are others: odometries drawn
-anew over the same predictions, frames between those of the benchmark, predictions' errors put
-onto ARKit's walks anew, and simulated walks. Figures are means over walks of each walk's median
+The benchmark's walks were looked at while the method was made. Here are others: new odometries
+over the same predictions, frames between those of the benchmark, predictions' errors put onto other
+walks of ARKit, and simulated walks. Figures are means over walks of each walk's median
 and 95th percentile on all frames with ground truth, prediction and tracking. To judge a change of
 the method, run it with the version before (`--json`) and then with the one after (`--against`).
 """
