@@ -4,8 +4,8 @@
 
 Tables over the benchmark of real predictions, on all frames with ground truth, prediction and
 tracking, as means over walks of each walk's own figures: ratios to the other methods in the same
-run, the ablation, calibration with risk and coverage, and what the smoother gains. Frames on which
-the method gives no answer ("not here") count in the share alone.
+run, the ablation, and calibration with risk and coverage. Frames on which the method gives no
+answer ("not here") count in the share alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from vioapr.fusion.chain.params import ChainParams
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import fuse_walks
-from vioapr.fusion.smoothing import smooth_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry import rigid
 from vioapr.scene.walks import find_walks
@@ -283,31 +282,6 @@ def risk_table(
     return "\n".join(lines) + "\n", curve
 
 
-def smoothing_table(cases: Sequence[Case], causal: Sequence[FusedWalk]) -> tuple[str, dict]:
-    """The smoother's errors over the causal ones."""
-    method, params = METHODS["chain"], ChainParams()
-    smooth = in_batches(
-        cases, lambda part: smooth_walks(method, params, [case.frames for case in part])
-    )
-    figures = [
-        by_group(cases, [figures_of(errors_of(*pair)) for pair in zip(cases, fused, strict=True)])
-        for fused in (causal, smooth)
-    ]
-    lines = ["| set, odometry, regressor | causal | offline | ratio |", "|---|---|---|---|"]
-    ratios = {}
-    for key, before in figures[0].items():
-        after = figures[1][key]
-        ratios[", ".join(key)] = (after / before).tolist()
-        texts = [
-            f"{f[0]:.3f} m / {f[1]:.2f}°, p95 {f[2]:.3f} / {f[3]:.2f}" for f in (before, after)
-        ]
-        ratio = " / ".join(f"{value:.2f}" for value in after / before)
-        lines.append(f"| {', '.join(key)} | {texts[0]} | {texts[1]} | {ratio} |")
-    mean = np.exp(np.mean(np.log(list(ratios.values())), axis=0))
-    lines.append(f"| **geometric mean** | | | {' / '.join(f'{v:.2f}' for v in mean)} |")
-    return "\n".join(lines) + "\n", ratios
-
-
 def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
@@ -329,7 +303,6 @@ def main() -> None:
         "goals": goal_table(ours, shares, figures_of_others(cases, paper, graph)),
         "calibration": calibration_table(cases, fused),
         "risk": risk_table(cases, fused, paper),
-        "smoothing": smoothing_table(cases, fused),
         "ablation": ablation_table(cases),
     }
     for name, (text, _) in sections.items():

@@ -92,7 +92,7 @@ def test_what_cannot_be_fused(tmp_path):
         vioapr.fuse(walk.apr, walk.vio, "fly")
     with pytest.raises(vioapr.ParameterError, match="params: expected VioAprParams for method"):
         vioapr.fuse(walk.apr, walk.vio, "vio-apr", params={"n": 2})
-    with pytest.raises(vioapr.ParameterError, match="smoothing needs a method"):
+    with pytest.raises(vioapr.ParameterError, match="can use the future: chain; vio-apr cannot"):
         vioapr.fuse(walk.apr, walk.vio, "vio-apr", offline=True)
 
 

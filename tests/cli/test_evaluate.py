@@ -70,6 +70,24 @@ def test_a_flag_that_no_method_takes_is_refused(run, fails, walk_dir):
     assert (code, err) == (0, "")
 
 
+def test_offline_uses_the_future_by_the_methods_that_can(run, walk_dir, tmp_path):
+    medians = {}
+    for name, flags in (("live", []), ("after", ["--offline"])):
+        path = tmp_path / f"{name}.json"
+        code, out, err = run("evaluate", walk_dir, "--methods", "apr,chain", *flags, "--json", path)
+        assert code == 0, err
+        assert ("after the walk: chain; as it happened: apr" in out) == bool(flags)
+        (group,) = json.loads(path.read_text())
+        medians[name] = {row["method"]: row["fused"]["median_m"] for row in group["rows"]}
+    assert medians["live"]["apr"] == medians["after"]["apr"]
+    assert medians["live"]["chain"] != medians["after"]["chain"]
+
+
+def test_offline_needs_a_method_that_can(fails, walk_dir):
+    message = fails("evaluate", walk_dir, "--methods", "apr,vio", "--offline")
+    assert "--offline: no method of --methods can: add chain" in message
+
+
 def test_help_names_every_method(run):
     code, out, _ = run("evaluate", "--help")
     assert code == 0

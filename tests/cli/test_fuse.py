@@ -8,6 +8,7 @@ from vioapr.formats.registry import read_trajectory
 from vioapr.fusion.methods import METHODS
 from vioapr.fusion.offline import fuse_walk
 from vioapr.fusion.pairing import pair_frames
+from vioapr.fusion.smoothing import SMOOTHERS, smooth_walk
 from vioapr.fusion.types import Status
 from vioapr.fusion.vio_apr import VioAprParams
 
@@ -56,6 +57,26 @@ def test_the_live_view_differs(run, files, tmp_path):
     later, live = read_csv(tmp_path / "later.csv"), read_csv(tmp_path / "live.csv")
     keyframes = [sum(r["status"] == "keyframe" for r in rows) for rows in (later, live)]
     assert keyframes[0] > keyframes[1]
+
+
+@pytest.mark.parametrize("method", SMOOTHERS)
+def test_offline_writes_the_smoothers_poses(run, files, tmp_path, method):
+    code, _, err = run("fuse", *files, "--method", method, "--offline", "--out", tmp_path / "f.csv")
+    assert code == 0, err
+    frames = pair_frames(read_trajectory(files[1]), read_trajectory(files[3]))
+    chosen = METHODS[method]
+    expected = smooth_walk(chosen, chosen.params_type(), frames)
+    rows = read_csv(tmp_path / "f.csv")
+    values = [[float(row[key]) for key in ("x", "y", "z")] for row in rows]
+    np.testing.assert_array_equal(values, expected.world_from_cam.translation_m)
+    sigmas = [float(row["sigma_position_m"]) for row in rows]
+    np.testing.assert_array_equal(sigmas, expected.sigma_position_m)
+
+
+def test_offline_needs_a_method_that_can(fails, files, tmp_path):
+    message = fails("fuse", *files, "--method", "apr", "--offline", "--out", tmp_path / "f.csv")
+    assert "can use the future: chain; apr cannot" in message
+    assert not (tmp_path / "f.csv").exists()
 
 
 def test_no_tum_file_where_nothing_is_localized(run, files, tmp_path):

@@ -26,9 +26,11 @@ def test_reading_gives_the_numbers_that_were_written(tmp_path, name):
     assert not fused.is_localized.all()
     write_fused_csv(tmp_path / "fused.csv", fused)
     again = read_fused_csv(tmp_path / "fused.csv")
-    # Where the tracking world lies is not written.
+    # Where the tracking world lies is not written, nor sigmas by axis.
     assert again.world_from_vio is None
-    written = replace(fused, world_from_vio=None)
+    assert again.sigma_position_axes_m is None
+    unwritten = ("world_from_vio", "sigma_position_axes_m", "sigma_orientation_axes_deg")
+    written = replace(fused, **dict.fromkeys(unwritten))
     ours, theirs = (list(tree_leaves(tuple(vars(walk).values()))) for walk in (written, again))
     assert len(ours) == (8 if name == "chain" else 4)
     for left, right in zip(ours, theirs, strict=True):

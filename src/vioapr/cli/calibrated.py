@@ -134,6 +134,7 @@ def tabulate_calibrated(
     calibration: Calibration,
     *,
     view: View,
+    offline: bool,
     tick: Tick,
     strict: bool,
 ) -> Evaluation:
@@ -145,6 +146,7 @@ def tabulate_calibrated(
         calibration: Cases of a tracker and a regressor that it does not hold are evaluated without,
             with a warning.
         view: The same.
+        offline: The same.
         tick: The same.
         strict: Whether to refuse what is otherwise warned of.
 
@@ -164,7 +166,7 @@ def tabulate_calibrated(
             if strict:
                 raise
             warn(f"not calibrated: {error}")
-        done = tabulate(of_pair, params, view=view, tick=tick)
+        done = tabulate(of_pair, params, view=view, offline=offline, tick=tick)
         results += done.results
         groups += done.groups
         if pair is not None:

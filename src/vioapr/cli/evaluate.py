@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +16,7 @@ from vioapr.cli.console import progress, say, send_messages_aside, warn
 from vioapr.cli.method_params import MethodParams, parse_methods
 from vioapr.cli.streams import OutputFile
 from vioapr.cli.tables import Column, Format, Row, Table, Value, show
-from vioapr.errors import VioAprError
+from vioapr.errors import ParameterError, VioAprError
 from vioapr.evaluation.calibration.calibrate import group_by_pair
 from vioapr.evaluation.cases import load_cases
 from vioapr.evaluation.evaluate import count_ticks
@@ -28,6 +28,7 @@ from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.body_from_cam import AUTO
 from vioapr.fusion.calibrated import read_calibration
 from vioapr.fusion.offline import View
+from vioapr.fusion.smoothing import SMOOTHERS
 from vioapr.report.evaluation_report import (
     REPORT_PATTERNS,
     count_report_ticks,
@@ -68,6 +69,7 @@ def evaluate(
     report: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     view: View = "retrospective",
+    offline: bool = False,
     tolerance_s: float = DEFAULT_TOLERANCE_S,
     calibration: Path | None = None,
     vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
@@ -99,6 +101,8 @@ def evaluate(
             read.
         view: retrospective: predictions that later prove right count as keyframes, as in the
             paper's tables. live: what was known when each frame arrived.
+        offline: Use the future too, by the methods that can (chain): the best trajectory after
+            the walk. The others run as ever.
         tolerance_s: Largest difference of timestamps within a frame, s.
         calibration: What `vioapr calibrate` found, for method chain; a flag wins over what it says.
         vio_from_cam: For trackers that give poses of an IMU's body: how the camera is mounted on
@@ -131,13 +135,15 @@ def evaluate(
         options = ReadOptions(time_unit=time_unit, strict=strict)
         reader = WalkReader(options, vio_from_cam, say, warn)
         cases = load_cases(folders, tolerance_s=tolerance_s, reader=reader, skip=skip, tick=tick)
+    if offline:
+        say(f"after the walk: {say_smoothed(chosen)}")
     parts = [cases] if known is None else list(group_by_pair(cases).values())
     with progress("fusing", sum(count_ticks(part, chosen) for part in parts)) as tick:
         if known is None:
-            results, groups = tabulate(cases, chosen, view=view, tick=tick)
+            results, groups = tabulate(cases, chosen, view=view, offline=offline, tick=tick)
         else:
             results, groups = tabulate_calibrated(
-                cases, chosen, known, view=view, tick=tick, strict=strict
+                cases, chosen, known, view=view, offline=offline, tick=tick, strict=strict
             )
     print_tables(groups, form)
     if json_out is not None:
@@ -153,6 +159,19 @@ def evaluate(
             view=view,
             overwrite=overwrite,
         )
+
+
+def say_smoothed(methods: Collection[str]) -> str:
+    """Which methods use the future, and which cannot.
+
+    Raises:
+        ParameterError: None can.
+    """
+    able = [name for name in methods if name in SMOOTHERS]
+    if not able:
+        raise ParameterError(f"--offline: no method of --methods can: add {' or '.join(SMOOTHERS)}")
+    others = [name for name in methods if name not in SMOOTHERS]
+    return ", ".join(able) + (f"; as it happened: {', '.join(others)}" if others else "")
 
 
 def warn_of_skipped(error: VioAprError) -> None:

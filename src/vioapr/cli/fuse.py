@@ -123,10 +123,11 @@ def fuse(
         sigmas = read_sigmas(apr_sigma, predictions)
     frames = pair_frames(predictions, tracked, tolerance_s, apr_sigmas=sigmas)
     warn_of_tracks(check_pairing(frames, len(predictions), tolerance_s), strict=strict)
-    run = smooth_walk if offline else fuse_walk
-    passes = 2 if offline else 1
-    with progress(f"fusing by {method}", passes * len(frames)) as tick:
-        fused = run(chosen, chosen_params, frames, view=view, tick=tick)
+    with progress(f"fusing by {method}", len(frames)) as tick:
+        if offline:
+            fused = smooth_walk(chosen, chosen_params, frames, tick=tick)
+        else:
+            fused = fuse_walk(chosen, chosen_params, frames, view=view, tick=tick)
     if pair is not None:
         warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status, strict=strict)
     write_fused_csv(out, fused, overwrite=overwrite)

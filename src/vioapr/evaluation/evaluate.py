@@ -16,6 +16,7 @@ from vioapr.evaluation.reliability import Reliability, measure_reliability
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.methods import get_method
 from vioapr.fusion.offline import View, fuse_walks
+from vioapr.fusion.smoothing import SMOOTHERS, smooth_walks
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.work.progress import Tick, ignore
@@ -69,6 +70,7 @@ def evaluate_cases(
     params_of_method: Mapping[str, Any],
     *,
     view: View = "retrospective",
+    offline: bool = False,
     tick: Tick = ignore,
 ) -> list[Result]:
     """Fuse every case with every method.
@@ -77,6 +79,7 @@ def evaluate_cases(
         cases: From `load_cases`.
         params_of_method: The methods' names, each with its parameters.
         view: See `vioapr.fusion.offline.View`.
+        offline: Use the future too, by the methods that can (`SMOOTHERS`); the others run as ever.
         tick: Called as often as `count_ticks` says, for progress.
 
     Returns:
@@ -91,7 +94,10 @@ def evaluate_cases(
         get_method(name).init(params, (), np.zeros(()))
     for name, params in params_of_method.items():
         walks = [case.frames for case in cases]
-        fused = fuse_walks(get_method(name), params, walks, view=view, tick=tick)
+        if offline and name in SMOOTHERS:
+            fused = smooth_walks(get_method(name), params, walks, tick=tick)
+        else:
+            fused = fuse_walks(get_method(name), params, walks, view=view, tick=tick)
         results += [compare_with_gt(c, name, walk) for c, walk in zip(cases, fused, strict=True)]
     return results
 

@@ -114,6 +114,7 @@ def tabulate(
     params_of_method: Mapping[str, Any],
     *,
     view: View = "retrospective",
+    offline: bool = False,
     tick: Tick = ignore,
 ) -> Evaluation:
     """Fuse every case with every method, and group the results into tables.
@@ -122,12 +123,13 @@ def tabulate(
         cases: From `load_cases`.
         params_of_method: The methods' names, each with its parameters.
         view: See `vioapr.fusion.offline.View`.
+        offline: Use the future too, by the methods that can.
         tick: Called as often as `vioapr.evaluation.evaluate.count_ticks` says, for progress.
 
     Raises:
         MissingExtraError: A method needs a package that is not installed.
     """
-    results = evaluate_cases(cases, params_of_method, view=view, tick=tick)
+    results = evaluate_cases(cases, params_of_method, view=view, offline=offline, tick=tick)
     return Evaluation(results, group_results(results))
 
 

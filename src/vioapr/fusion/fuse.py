@@ -57,4 +57,6 @@ def fuse(
             f"got {type(given).__name__}"
         )
     frames = pair_frames(apr, vio, tolerance_s, apr_sigmas=apr_sigmas)
-    return (smooth_walk if offline else fuse_walk)(chosen, given, frames, view=view)
+    if offline:
+        return smooth_walk(chosen, given, frames)
+    return fuse_walk(chosen, given, frames, view=view)

@@ -37,6 +37,8 @@ class FusedWalk:
         localization_state: Shape (n,), integers of `LocalizationState`, or None where the
             method has none.
         confidence: Shape (n,), probability that the pose is the right one, or None.
+        sigma_position_axes_m: Along each axis of the world, shape (n, 3), or None.
+        sigma_orientation_axes_deg: About each axis of the world, shape (n, 3), or None.
     """
 
     timestamp_s: NDArray[np.float64]
@@ -47,6 +49,8 @@ class FusedWalk:
     world_from_vio: Rigid3 | None = None
     localization_state: NDArray[np.integer] | None = None
     confidence: NDArray[np.float64] | None = None
+    sigma_position_axes_m: NDArray[np.float64] | None = None
+    sigma_orientation_axes_deg: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.timestamp_s)

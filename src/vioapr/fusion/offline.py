@@ -14,7 +14,7 @@ from vioapr.errors import ParameterError
 from vioapr.fusion.fused_walk import FusedWalk
 from vioapr.fusion.pairing import PairedFrames
 from vioapr.fusion.types import Estimate, FrameInput, Method, Status
-from vioapr.geometry.arrays import select
+from vioapr.geometry.arrays import Array, select
 from vioapr.geometry.tree import tree_at, tree_map, tree_stack
 from vioapr.work.progress import Tick, ignore
 
@@ -133,13 +133,13 @@ def in_view(view: View, frames: PairedFrames, estimates: Estimate) -> FusedWalk:
         frames.timestamp_s,
         estimates.world_from_cam,
         np.asarray(estimates.status),
-        None if estimates.sigma_position_m is None else np.asarray(estimates.sigma_position_m),
-        None
-        if estimates.sigma_orientation_deg is None
-        else np.asarray(estimates.sigma_orientation_deg),
+        _known(estimates.sigma_position_m),
+        _known(estimates.sigma_orientation_deg),
         estimates.world_from_vio,
         None if estimates.localization_state is None else np.asarray(estimates.localization_state),
         None if estimates.confidence is None else np.asarray(estimates.confidence),
+        _known(estimates.sigma_position_axes_m),
+        _known(estimates.sigma_orientation_axes_deg),
     )
     if view == "live":
         return live
@@ -153,6 +153,10 @@ def in_view(view: View, frames: PairedFrames, estimates: Estimate) -> FusedWalk:
         ),
         status=np.where(is_keyframe, Status.KEYFRAME, live.status),
     )
+
+
+def _known(sigma: Array | None) -> NDArray[np.float64] | None:
+    return None if sigma is None else np.asarray(sigma)
 
 
 def later_confirmed(frames: FrameInput, confirmed_run: NDArray[np.integer]) -> NDArray[np.bool_]:

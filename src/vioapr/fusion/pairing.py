@@ -47,6 +47,20 @@ class PairedFrames:
         return np.asarray(self.inputs.timestamp_s)
 
 
+def reverse(walk: PairedFrames) -> PairedFrames:
+    """The walk as if it had been walked backwards."""
+    inputs = walk.inputs.at(slice(None, None, -1))
+    # A world that begins at frame k ends, walked backwards, before frame k - 1.
+    reset = np.roll(inputs.tracking_reset, 1)
+    reset[:1] = False
+    return PairedFrames(
+        inputs._replace(
+            timestamp_s=walk.timestamp_s[0] + walk.timestamp_s[-1] - inputs.timestamp_s,
+            tracking_reset=reset,
+        )
+    )
+
+
 def pair_frames(
     apr: Trajectory,
     vio: Trajectory,

@@ -22,7 +22,7 @@ comparison of predictions can show."""
 _USUAL_AGREEMENT = 0.7
 """Of predictions of which every fourth is wild; what is less raises doubt."""
 
-_SCALES = np.array([[0.8], [0.65]])
+SCALES = np.array([[0.8], [0.65]])
 """From the model's standard deviations to the scales of the heavy-tailed distribution that is
 stated, Student's t with two degrees of freedom: a compromise between sets of walks, which a
 calibration replaces (docs/results/accuracy.md, Calibration)."""
@@ -135,7 +135,7 @@ def _variances(known: Knowledge, gap: Array) -> Array:
 def _scales(params: ChainParams, like: Array) -> Array:
     """From standard deviations in rad and m to what is stated, in deg and m, shape (6, 1)."""
     factors = np.array([[params.sigma_orientation_factor], [params.sigma_position_factor]])
-    return to_axes(constant(_DEGREES * _SCALES * factors, like))
+    return to_axes(constant(_DEGREES * SCALES * factors, like))
 
 
 def _state(tracking_ok: Mask, is_known: Mask, agreement: Agreement) -> Array:

@@ -132,7 +132,7 @@ def step(params: ChainParams, state: ChainState, frame: FrameInput) -> tuple[Cha
         state.hypotheses,
         state.agreement,
         state.trust.noise,
-        _drift(params, state.trust.noise, state.trust.expected_rates)[..., 1:, :],
+        drift_of(params, state.trust.noise, state.trust.expected_rates)[..., 1:, :],
         state.since,
         state.moved_m,
         state.is_known,
@@ -210,7 +210,7 @@ def _weigh(params: ChainParams, state: ChainState, arrival: Arrival) -> ChainSta
     """Take a prediction into the window, and smooth both hypotheses again."""
     trust, last = state.trust, state.hypotheses
     xp = namespace(arrival.row)
-    drift = _drift(params, trust.noise, trust.rates)
+    drift = drift_of(params, trust.noise, trust.rates)
     length_m = view_length_m(trust.scatter[..., 1:, :])
     moves = state.window.moving(length_m, VIEW_RAD, _NOVELTY, VETO)
     window = state.window.push(arrival.row, arrival.stated, moves)
@@ -298,7 +298,7 @@ def _gates(trust: Trust, precision: Array, drift: Array, since: Array) -> Array:
     return namespace(since).maximum(gates, constant(_LEAST_GATE**2, gates))
 
 
-def _drift(params: ChainParams, noise: Array, rates: Array) -> Array:
+def drift_of(params: ChainParams, noise: Array, rates: Array) -> Array:
     """Of tilt, heading and position in a metre, rad^2 and m^2, shape (..., 3, 1).
 
     As a calibration has found it, or as learned.
