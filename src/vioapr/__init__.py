@@ -32,11 +32,13 @@ if TYPE_CHECKING:
     from vioapr.fusion.calibrated import find_pair as find_pair
     from vioapr.fusion.calibrated import params_from_calibration as params_from_calibration
     from vioapr.fusion.calibrated import read_calibration as read_calibration
+    from vioapr.fusion.easing import EasingParams as EasingParams
     from vioapr.fusion.fuse import fuse as fuse
     from vioapr.fusion.fused_walk import FusedWalk as FusedWalk
     from vioapr.fusion.localizer import Localizer as Localizer
     from vioapr.fusion.methods import METHODS as METHODS
     from vioapr.fusion.types import Estimate as Estimate
+    from vioapr.fusion.types import LocalizationState as LocalizationState
     from vioapr.fusion.types import Status as Status
     from vioapr.geometry.rigid import Rigid3 as Rigid3
     from vioapr.runtime.localizer import OnnxLocalizer as OnnxLocalizer
@@ -50,10 +52,12 @@ if TYPE_CHECKING:
 _HOME = {
     "Accuracy": "vioapr.evaluation.accuracy",
     "AssociationError": "vioapr.errors",
+    "EasingParams": "vioapr.fusion.easing",
     "Estimate": "vioapr.fusion.types",
     "FileError": "vioapr.errors",
     "FormatError": "vioapr.errors",
     "FusedWalk": "vioapr.fusion.fused_walk",
+    "LocalizationState": "vioapr.fusion.types",
     "Localizer": "vioapr.fusion.localizer",
     "METHODS": "vioapr.fusion.methods",
     "MissingExtraError": "vioapr.errors",

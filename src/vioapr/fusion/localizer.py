@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from vioapr.errors import ParameterError
 from vioapr.formats.matrix_order import are_transposed, explain_last_row, explain_transposed
+from vioapr.fusion.easing import EasingParams, ease, no_easing
 from vioapr.fusion.late import RecentPoses
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
 from vioapr.fusion.types import Estimate, FrameInput, LocalizationState, Status
@@ -35,12 +36,19 @@ class Localizer:
         ...     place_content(estimate.world_from_vio)
     """
 
-    def __init__(self, method: str = DEFAULT_METHOD, params: Any = None) -> None:
+    def __init__(
+        self,
+        method: str = DEFAULT_METHOD,
+        params: Any = None,
+        *,
+        easing: EasingParams | None = None,
+    ) -> None:
         """Start without any knowledge.
 
         Args:
             method: Name of a method, e.g. "vio-apr".
             params: The method's parameters (e.g. `VioAprParams`), or None for its defaults.
+            easing: How fast content follows corrections; None for the defaults.
 
         Raises:
             ParameterError: Unknown method, or parameters of another method.
@@ -52,6 +60,7 @@ class Localizer:
                 f"expected {self._method.params_type.__name__} for method {method!r}, "
                 f"got {type(params).__name__}"
             )
+        self._easing = EasingParams() if easing is None else easing
         self.reset()
 
     def reset(self) -> None:
@@ -60,6 +69,7 @@ class Localizer:
         self._last_timestamp_s = -np.inf
         self._last_vio_from_cam: Rigid3 | None = None
         self._recent = RecentPoses()
+        self._eased_state = no_easing((), np.zeros(()))
 
     def update(
         self,
@@ -178,8 +188,17 @@ class Localizer:
             None if apr_sigma_deg is None else np.asarray(np.deg2rad(float(apr_sigma_deg))),
         )
         self._state, estimate = self._method.step(self._params, self._state, frame)
+        self._eased_state, eased = ease(
+            self._easing,
+            self._eased_state,
+            frame.timestamp_s,
+            estimate.world_from_vio,
+            self._eased_state.display_from_vio if vio is None else frame.vio_from_cam,
+            frame.tracking_reset,
+        )
         state = estimate.localization_state
         return estimate._replace(
+            eased=eased,
             status=Status(int(estimate.status)),
             confirmed_run=int(estimate.confirmed_run),
             localization_state=None if state is None else LocalizationState(int(state)),

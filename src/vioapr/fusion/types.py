@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple, Self
 
+from vioapr.fusion.easing import Eased
 from vioapr.geometry.arrays import Array, Mask
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.tree import tree_at
@@ -120,6 +121,7 @@ class Estimate(NamedTuple):
         confidence: Shape (...), the probability that the pose is the right one of those that
             are possible, and its error therefore within what the sigmas say; 0 where there is
             no pose. None where the method has none.
+        eased: Where to show content that is not to jump; by `Localizer` only, else None.
     """
 
     world_from_cam: Rigid3
@@ -132,6 +134,7 @@ class Estimate(NamedTuple):
     sigma_orientation_axes_deg: Array | None = None
     localization_state: Array | None = None
     confidence: Array | None = None
+    eased: Eased | None = None
 
 
 @dataclass(frozen=True)
