@@ -128,10 +128,12 @@ def test_streaming_equals_a_batch(name):
     for row in range(len(noisy.gt)):
         estimate = feed(localizer, noisy, row)
         assert estimate.status == batch.status[row]
+        # The odometer takes roots of steps: of a camera at rest, what quaternions are rounded by.
         np.testing.assert_allclose(
             estimate.world_from_cam.translation_m,
             batch.world_from_cam.translation_m[row],
-            atol=1e-12,
+            rtol=0,
+            atol=1e-6,
         )
 
 
