@@ -19,7 +19,7 @@ _COMMON_BIAS = 0.1
 """Share of a prediction's variance that all views of a place have in common, and that no
 comparison of predictions can show."""
 
-_USUAL_AGREEMENT = 0.7
+_USUAL_AGREEMENT = 0.75
 """Of predictions of which every fourth is wild; what is less raises doubt."""
 
 SCALES = np.array([[0.8], [0.65]])
@@ -123,7 +123,7 @@ def _variances(known: Knowledge, gap: Array) -> Array:
     growth = known.drift * known.since[..., :1, :] + known.since[..., 1:, :]
     # What predictions deny is as wrong as they say; and of two that compete, either may be right.
     denied = xp.maximum(_USUAL_AGREEMENT - hypotheses.agreement[..., 0, :, :], 0.0)
-    doubt = denied * denied * agreement.surprise
+    doubt = denied * agreement.surprise
     doubt = (doubt + hypotheses.other_share * squared_lengths(gap)) / 3
     both = growth + _COMMON_BIAS * known.noise * known.noise + agreement.beyond + doubt
     variances = 1 / hypotheses.precision[..., 0, :, :] + to_axes(both)

@@ -25,7 +25,7 @@ from vioapr.fusion.chain.hypotheses import (
     no_hypotheses,
 )
 from vioapr.fusion.chain.learning import Lesson, Trust, learn, no_trust_yet
-from vioapr.fusion.chain.odometer import Odometer, new_odometer
+from vioapr.fusion.chain.odometer import Odometer, jumped, new_odometer
 from vioapr.fusion.chain.params import ChainParams, in_a_column
 from vioapr.fusion.chain.residuals import residuals_of
 from vioapr.fusion.chain.smoothing import Problem, Solution, solve
@@ -60,6 +60,9 @@ _RATE_FACTOR = 0.1
 
 _GATE = 3.0
 """Standard deviations within which a prediction fits a hypothesis."""
+
+_MOST_OWN = 8.0
+"""Variance of a hypothesis over a prediction's, that widens its gate at most."""
 
 _LEAST_GATE = np.array([[np.deg2rad(10.0)], [1.0]])
 """And at least so far, rad and m: what is nearer hurts nobody."""
@@ -150,20 +153,22 @@ def _select_state(condition: Mask, if_true: Tree, if_false: Tree) -> Tree:
 def _follow_tracker(state: ChainState, frame: FrameInput, vio_from_cam: Array) -> ChainState:
     """Read the odometer on; forget a tracking world that is no more, doubt one that was lost."""
     odometer = state.odometer.follow(frame, vio_from_cam)
-    was_lost, is_new = state.odometer.is_lost, frame.tracking_reset[..., None, None]
+    is_new = frame.tracking_reset[..., None, None]
+    # Who was lost, or has jumped, may be in another world without saying so.
+    is_doubtful = state.odometer.is_lost & frame.tracking_ok[..., None, None]
+    is_doubtful = is_doubtful | jumped(state.odometer, odometer)
     state = state._replace(odometer=odometer)
-    if holds_nowhere(is_new | was_lost):
+    if holds_nowhere(is_new | is_doubtful):
         return state
     valid = state.window.is_valid
     xp = namespace(valid)
-    is_back = was_lost & frame.tracking_ok[..., None, None]
-    most = xp.where(is_back, EVIDENCE_AFTER_LOSS, xp.zeros_like(valid[..., :1]) + MOST_EVIDENCE)
+    most = xp.where(is_doubtful, EVIDENCE_AFTER_LOSS, xp.zeros_like(valid[..., :1]) + MOST_EVIDENCE)
     most = xp.where(is_new, 0.0, most)
     kept = valid * xp.astype(~is_new, valid.dtype)
     return state._replace(
         window=state.window._replace(is_valid=kept),
         hypotheses=state.hypotheses.bounded(most),
-        agreement=state.agreement.unsure(is_back, is_new),
+        agreement=state.agreement.unsure(is_doubtful, is_new),
     )
 
 
@@ -292,10 +297,14 @@ def _weigh_hypotheses(
 
 def _gates(trust: Trust, precision: Array, drift: Array, since: Array) -> Array:
     """Squared distances within which predictions fit, rad^2 and m^2, shape (..., 2, 2, 1)."""
-    growth = drift[..., 1:, :] * since[..., :1, :] + since[..., 1:, :]
+    # Not by a jump: what lies beyond it is for the challenger to say.
+    growth = drift[..., 1:, :] * since[..., :1, :]
     usual = (trust.scatter * trust.scatter + growth)[..., None, :, :]
-    gates = 3 * _GATE**2 * (usual + largest_of_three(1 / precision))
-    return namespace(since).maximum(gates, constant(_LEAST_GATE**2, gates))
+    xp = namespace(since)
+    # A hypothesis that hardly anything speaks for must not fit everything.
+    own = xp.minimum(largest_of_three(1 / precision), _MOST_OWN * usual)
+    gates = 3 * _GATE**2 * (usual + own)
+    return xp.maximum(gates, constant(_LEAST_GATE**2, gates))
 
 
 def drift_of(params: ChainParams, noise: Array, rates: Array) -> Array:

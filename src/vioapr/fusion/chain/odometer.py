@@ -24,8 +24,12 @@ _SUDDEN_M_PER_S, _SUDDEN_FACTOR, _SUDDEN_M = 2.5, 3.0, 0.5
 """A step is a jump of the tracker if it is longer than this speed and this multiple of the
 usual speed account for, by this length."""
 
-_SUDDEN_RAD_PER_S, _SUDDEN_RAD = 6.0, 0.2
-"""The same of a turn; people turn a phone as suddenly as they like, but no faster."""
+_SUDDEN_RAD_PER_S, _SUDDEN_RAD, _MOST_RAD = 6.0, 0.2, 2.0
+"""The same of a turn, and at most so much between two frames; people turn a phone as suddenly as
+they like, but no faster."""
+
+_DOUBT_RAD2, _DOUBT_M2 = 0.03, 1.0
+"""Squared jump from which on the tracker's world may be another one: 10 degrees, 1 m."""
 
 _SPEED_MEMORY = 0.9
 """Weight of the old usual speed at every step."""
@@ -75,7 +79,8 @@ class Odometer(NamedTuple):
         seconds = (now - self.timestamp_s) * moves
         distance, turn = _step_sizes(pose - self.vio_from_cam, moves)
         longest = (_SUDDEN_M_PER_S + _SUDDEN_FACTOR * self.speed_m_s) * seconds + _SUDDEN_M
-        jumps = (distance > longest) | (turn > _SUDDEN_RAD_PER_S * seconds + _SUDDEN_RAD)
+        widest = xp.minimum(_SUDDEN_RAD_PER_S * seconds + _SUDDEN_RAD, _MOST_RAD)
+        jumps = (distance > longest) | (turn > widest)
         # Nothing of a step that jumped can be trusted, neither its way nor its turn.
         jump = xp.astype(jumps, pose.dtype)
         is_unseen = self.is_lost | (seconds > _PAUSE_S)
@@ -91,6 +96,12 @@ class Odometer(NamedTuple):
             speed,
             self.readings + step,
         )
+
+
+def jumped(before: Odometer, after: Odometer) -> Mask:
+    """Whether the last step may have led into another tracking world, shape (..., 1, 1)."""
+    step = after.readings - before.readings
+    return (step[..., 1:2, :] > _DOUBT_RAD2) | (step[..., 2:, :] > _DOUBT_M2)
 
 
 def new_odometer(batch_shape: tuple[int, ...], like: Array) -> Odometer:
