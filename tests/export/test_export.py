@@ -58,7 +58,7 @@ def test_the_file_equals_eager_pytorch_and_the_numpy_localizer(name, model_of, e
         assert set(found) == set(expected)
         states = [found["next_state"], expected["next_state"]]
         for key in found:
-            np.testing.assert_allclose(found[key], expected[key], atol=5e-4, err_msg=key)
+            np.testing.assert_allclose(found[key], expected[key], rtol=1e-5, atol=5e-4, err_msg=key)
         estimate = localizer.update(
             row / 2,
             from_flat(found["apr_world_from_cam"]) if feed["has_image"][0] else None,

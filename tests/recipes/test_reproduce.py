@@ -69,7 +69,8 @@ def test_marvin(marvin):
             everything = of_scene["all frames", "chain", scene]
             assert everything.raw.ours is not None
             assert everything.fused.ours is not None
-            assert everything.share.ours == (100.0,)
+            # Networks that have learned nothing: now and then the answer is "not here".
+            assert 50 < everything.share.ours[0] <= 100
             both = of_scene["keyframes + optimized", "vio-apr", scene]
             parts = [of_scene[f"only {x}", "vio-apr", scene] for x in ("keyframes", "optimized")]
             shares = [part.share.ours[0] for part in parts]
