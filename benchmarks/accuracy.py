@@ -9,11 +9,9 @@ frames that have a pose and the raw regressor on the same frames.
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from pathlib import Path
 
-from common import replace_section, write_json
+from common import data_folder, replace_section, write_json
 from rich.console import Console
 
 from vioapr.cli.console import progress
@@ -57,10 +55,8 @@ def main() -> None:
     parser.add_argument("--update-docs", action="store_true")
     parser.add_argument("--methods", default=",".join(METHODS))
     options = parser.parse_args()
-    data = os.environ.get("VIOAPR_DATA")
-    if not data:
-        sys.exit("set VIOAPR_DATA to the folder of real data")
-    cases = load_cases(find_walks([Path(data) / "bench"]))
+    data = data_folder()
+    cases = load_cases(find_walks([data / "bench"]))
     params = default_params(options.methods.split(","))
     with progress("fusing", count_ticks(cases, params)) as tick:
         groups = tabulate(cases, params, tick=tick).groups

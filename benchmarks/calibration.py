@@ -11,14 +11,12 @@ without calibration, and the share of frames within 1, 2 and 3 stated sigmas.
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import publish, write_json
+from common import data_folder, publish, write_json
 from rich.table import Table
 
 from vioapr.cli.console import progress
@@ -40,7 +38,7 @@ class Fold(NamedTuple):
     others: list[list[Case]]
 
     def pick(self, count: str) -> list[Case]:
-        """Cases of so many walks; of "scene", of all of it; of "set", of all scenes."""
+        """Cases of a number of walks; of "scene", of all of it; of "set", of all scenes."""
         walks = [*self.same_scene, *self.others]
         if count == "scene":
             walks = self.same_scene or self.others
@@ -68,7 +66,7 @@ def folds_of(cases: Sequence[Case]) -> list[Fold]:
 
 
 def judge_group(cases: Sequence[Case], counts: Sequence[str]) -> dict[str, Any]:
-    """Judge one set, tracker and regressor, with calibrations by so many walks."""
+    """Judge one set, tracker and regressor, with calibrations by each number of walks."""
     trials = Trials(progress)
     folds = folds_of(cases)
     counts = [count for count in counts if not count.isdigit() or int(count) < len(folds)]
@@ -166,10 +164,8 @@ def main() -> None:
     parser.add_argument("--all-draws", action="store_true", help="of simulated trackers")
     parser.add_argument("--update-docs", action="store_true")
     options = parser.parse_args()
-    data = os.environ.get("VIOAPR_DATA")
-    if not data:
-        sys.exit("set VIOAPR_DATA to the folder of real data")
-    cases = load_cases(find_walks([Path(data) / "bench"]))
+    data = data_folder()
+    cases = load_cases(find_walks([data / "bench"]))
     chosen = (options.sets, options.trackers, options.regressors)
     for member, names in enumerate(chosen):
         wanted = [name for name in names.split(",") if name]

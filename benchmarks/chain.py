@@ -11,14 +11,12 @@ answer ("not here") count in the share alone.
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import describe_machine, replace_section, write_json
+from common import data_folder, describe_machine, replace_section, write_json
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -288,10 +286,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--update-docs", action="store_true")
     options = parser.parse_args()
-    data = os.environ.get("VIOAPR_DATA")
-    if not data:
-        sys.exit("set VIOAPR_DATA to the folder of real data")
-    cases = load_cases(find_walks([Path(data) / "bench"]))
+    data = data_folder()
+    cases = load_cases(find_walks([data / "bench"]))
     fused = run_chain(cases)
     ours = by_group(
         cases, [figures_of(errors_of(*pair)) for pair in zip(cases, fused, strict=True)]

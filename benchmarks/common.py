@@ -24,6 +24,14 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results"
 """Where tables go, one page a subject."""
 
 
+def data_folder() -> Path:
+    """The folder of real data; leaves the program where VIOAPR_DATA does not say it."""
+    data = os.environ.get("VIOAPR_DATA")
+    if not data:
+        sys.exit("set VIOAPR_DATA to the folder of real data")
+    return Path(data)
+
+
 def describe_machine(packages: Sequence[str]) -> dict[str, str]:
     """Processor, system and the versions that the figures depend on."""
     versions = {name: _version(name) for name in packages}

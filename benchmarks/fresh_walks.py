@@ -14,14 +14,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from chain import DOCS, by_group, errors_of, figures_of, run_chain
-from common import replace_section, write_json
+from common import data_folder, replace_section, write_json
 from numpy.typing import NDArray
 
 from vioapr.cli.console import progress
@@ -211,10 +209,8 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=4)
     parser.add_argument("--update-docs", action="store_true")
     options = parser.parse_args()
-    data = os.environ.get("VIOAPR_DATA")
-    if not data:
-        sys.exit("set VIOAPR_DATA to the folder of real data")
-    cases = all_cases(Path(data), options.seed, options.draws)
+    data = data_folder()
+    cases = all_cases(data, options.seed, options.draws)
     groups = [", ".join(case.group) for case in cases]
     cells = measure(cases)
     text = markdown(cells, {key: groups.count(key) for key in cells})

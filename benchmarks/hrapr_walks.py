@@ -47,7 +47,7 @@ class SceneSet:
     Attributes:
         scenes: Those to develop with; the others are kept aside to judge by.
         similarity: How the files of similarity scores end.
-        stride: Every so many frames are used.
+        stride: One frame of this many is used.
         interval_s: Between frames, before that.
     """
 

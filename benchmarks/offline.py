@@ -12,14 +12,12 @@ far (DSO) need a larger one.
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from common import describe_machine, publish, write_json
+from common import data_folder, describe_machine, publish, write_json
 from numpy.typing import NDArray
 from rich.table import Table
 from scipy import stats
@@ -155,11 +153,9 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--update-docs", action="store_true")
     options = parser.parse_args()
-    data = os.environ.get("VIOAPR_DATA")
-    if not data:
-        sys.exit("set VIOAPR_DATA to the folder of real data")
+    data = data_folder()
     start_s = time.perf_counter()
-    found = measure(load_cases(find_walks([Path(data) / "bench"])))
+    found = measure(load_cases(find_walks([data / "bench"])))
     publish(table_of(found), "accuracy.md", "offline-chain", update_docs=options.update_docs)
     if options.json:
         figures = {", ".join(kind): rows for kind, rows in found.items()}
