@@ -16,6 +16,7 @@ from vioapr.export.onnx_graph import finish, join, rename_input
 from vioapr.fusion.types import Method
 from vioapr.schemas.contract import METADATA_KEY, Contract, parse
 
+_APR = "apr"
 _APR_OUTPUTS = ("apr_world_from_cam", "apr_sigma_position_m", "apr_sigma_orientation_deg")
 
 
@@ -40,14 +41,15 @@ def replace_fusion(content: bytes, method: Method, params: Any) -> ExportedFile:
         raise ParameterError(f"method: {method.name!r} cannot run as a graph of fixed size")
     apr = _apr_of(model)
     # States of one regressor must not be fed to another.
-    digest = zlib.crc32(apr.SerializeToString(deterministic=True))
+    weights = b"".join(one.SerializeToString(deterministic=True) for one in apr.graph.initializer)
+    digest = zlib.crc32(weights)
     identity = f"{contract.regressor.model} {contract.regressor.scenes} {digest}"
     graph = FusionGraph(method, params, identity).eval()
     fusion, names = trace_fusion(graph)
     rename_input(fusion, "has_apr", "has_image")
     fused = describe_fusion(graph, names, contract.regressor, contract.precision)
     whole = describe_localizer(_apr_contract(contract), fused)
-    model = join({"apr": apr, "fusion": fusion}, whole.output_names)
+    model = join({_APR: apr, "fusion": fusion}, whole.output_names)
     return ExportedFile(finish(model, whole), whole)
 
 
@@ -57,12 +59,23 @@ def _apr_of(model: onnx.ModelProto) -> onnx.ModelProto:
     apr.opset_import.extend(model.opset_import)
     apr.graph.name = "apr"
     apr.graph.node.extend(node for node in model.graph.node if not _is_fusion(node.name))
-    tensors = (one for one in model.graph.initializer if not _is_fusion(one.name))
-    apr.graph.initializer.extend(tensors)
     used = {name for node in apr.graph.node for name in node.input}
+    apr.graph.initializer.extend(one for one in model.graph.initializer if one.name in used)
     apr.graph.input.extend(value for value in model.graph.input if value.name in used)
+    for tensor in apr.graph.initializer:
+        tensor.name = _bare(tensor.name)
+    for node in apr.graph.node:
+        node.input[:] = map(_bare, node.input)
+        node.output[:] = map(_bare, node.output)
     apr.graph.output.extend(v for v in model.graph.output if v.name in _APR_OUTPUTS)
     return apr
+
+
+def _bare(name: str) -> str:
+    """Without what an earlier replacement put in front: names must not grow with each."""
+    while name.startswith(f"{_APR}/"):
+        name = name.removeprefix(f"{_APR}/")
+    return name
 
 
 def _is_fusion(name: str) -> bool:
