@@ -12,7 +12,7 @@ from vioapr.errors import FormatError
 from vioapr.files.paths import AnyPath
 from vioapr.files.tables import Rows, read_headed_csv
 from vioapr.files.text import read_text, write_text
-from vioapr.fusion.types import LocalizationState, Status
+from vioapr.fusion.types import Labelled, LocalizationState, Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.trajectory import Trajectory
 
@@ -126,9 +126,7 @@ def read_fused_csv(path: AnyPath) -> FusedWalk:
     )
 
 
-def _read_labels(
-    path: Path, rows: Rows, column: int, kind: type[Status] | type[LocalizationState]
-) -> NDArray[np.integer]:
+def _read_labels(path: Path, rows: Rows, column: int, kind: type[Labelled]) -> NDArray[np.integer]:
     numbers = {member.label: int(member) for member in kind}
     for label, line in zip(rows.column(column), rows.lines, strict=True):
         if label not in numbers:

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vioapr.geometry import quaternion
-from vioapr.geometry.rigid import Rigid3, between
+from vioapr.geometry.rigid import Rigid3, between, interpolate
 
 LONGEST_S = 5.0
 """How far back poses are remembered."""
@@ -73,8 +72,4 @@ class RecentPoses:
         gap_s = min(timestamp_s - before.timestamp_s, later.timestamp_s - timestamp_s)
         if gap_s > _FARTHEST_S:
             return None
-        start, end = before.vio_from_cam, later.vio_from_cam
-        return Rigid3(
-            (1 - share) * start.translation_m + share * end.translation_m,
-            quaternion.slerp(start.quat_xyzw, end.quat_xyzw, np.asarray(share)),
-        )
+        return interpolate(before.vio_from_cam, later.vio_from_cam, np.asarray(share))

@@ -13,7 +13,25 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.tree import tree_at
 
 
-class Status(IntEnum):
+class Labelled(IntEnum):
+    """Numbers in files and graphs, each with a meaning for people."""
+
+    meaning: str
+
+    def __new__(cls, value: int, meaning: str) -> Self:
+        """Make a member of its number and of what it means."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.meaning = meaning
+        return member
+
+    @property
+    def label(self) -> str:
+        """The name in files and tables."""
+        return self.name.lower()
+
+
+class Status(Labelled):
     """Where a frame's pose comes from (paper, Figure 2)."""
 
     UNLOCALIZED = 0, "no pose, all numbers nan: nothing is known, the tracker is lost, or not here"
@@ -22,22 +40,8 @@ class Status(IntEnum):
     OPTIMIZED = 3, "the method computed it, in place of this frame's prediction"
     PREDICTED = 4, "the prediction, unchecked: method apr, or the tracker is lost (chain)"
 
-    meaning: str
 
-    def __new__(cls, value: int, meaning: str) -> Self:
-        """Make a status of its number and of where the pose comes from, for people."""
-        status = int.__new__(cls, value)
-        status._value_ = value
-        status.meaning = meaning
-        return status
-
-    @property
-    def label(self) -> str:
-        """The name in files and tables."""
-        return self.name.lower()
-
-
-class LocalizationState(IntEnum):
+class LocalizationState(Labelled):
     """What to tell people about where they are; by methods that judge themselves."""
 
     SEARCHING = 0, "no prediction yet, or too few that agree"
@@ -45,20 +49,6 @@ class LocalizationState(IntEnum):
     UNCERTAIN = 2, "found before, but predictions contradict each other or the motion by now"
     NOT_HERE = 3, "predictions and motion contradict: another place than the map's, or wiring"
     LOST = 4, "the tracker does not know its pose"
-
-    meaning: str
-
-    def __new__(cls, value: int, meaning: str) -> Self:
-        """Make a state of its number and of what it means, for people."""
-        state = int.__new__(cls, value)
-        state._value_ = value
-        state.meaning = meaning
-        return state
-
-    @property
-    def label(self) -> str:
-        """The name in files and tables."""
-        return self.name.lower()
 
 
 class FrameInput(NamedTuple):

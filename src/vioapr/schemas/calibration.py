@@ -129,7 +129,7 @@ class Ratios(Record, frozen=True):
 
 
 class Coverage(Record, frozen=True):
-    """Share of frames whose error lies within so many stated sigmas, 0 to 1."""
+    """Share of frames whose error lies within 1, 2 and 3 stated sigmas, 0 to 1."""
 
     one: Share
     two: Share

@@ -13,7 +13,7 @@ SIGMAS = (1.0, 2.0, 3.0)
 
 _SQUARES = np.array(SIGMAS) ** 2
 PROMISED: NDArray[np.float64] = (_SQUARES / (_SQUARES + 2)) ** 1.5
-"""Shares of frames within so many sigmas per axis: 19, 54, 74 %.
+"""Shares of frames within 1, 2 and 3 sigmas per axis: 19, 54, 74 %.
 
 Errors are heavy-tailed: their three axes are Student's t with two degrees of freedom, the
 distribution of whose radius this is.

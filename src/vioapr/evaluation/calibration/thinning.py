@@ -14,7 +14,7 @@ MOST_FRAMES = 1200
 
 
 def thin(case: Case, most: int = MOST_FRAMES) -> Case:
-    """The case with at most so many predictions, evenly spread.
+    """The case with at most a number of predictions, evenly spread.
 
     Frames without a prediction go too, unless they tell of a loss or of a new tracking world. A
     walk of no more frames stays as it is.

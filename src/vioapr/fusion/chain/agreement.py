@@ -8,7 +8,6 @@ that they do not tell of the motion that the tracker has seen.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +15,11 @@ import numpy as np
 from vioapr.fusion.chain.columns import since
 from vioapr.fusion.chain.hypotheses import Hypotheses
 from vioapr.fusion.chain.sums import row_sum, squared_length, total, typical_of
-from vioapr.fusion.chain.window import Window
+from vioapr.fusion.chain.window import Window, is_among_newest
 from vioapr.geometry.arrays import Array, Mask, constant, namespace, zeros
 
 _LEAST_WAY_M, _LEAST_WAY_PER_M = 0.5, 4.0
-"""Ways over which the slope is judged: this long, and so many times the scatter."""
+"""Ways over which the slope is judged: this long, plus this multiple of the scatter."""
 
 _SLOPE_MEMORY = 0.1
 """Least weight of a new prediction in the running mean of the slope."""
@@ -43,7 +42,6 @@ _BAD_AGREEMENT, _GOOD_AGREEMENT = 0.15, 0.3
 _BAD_SLOPE, _GOOD_SLOPE = 0.45, 0.6
 _BAD_SCATTER2 = 0.07
 """Squared scatter of orientation beyond what a regressor that is of use can have, rad^2."""
-
 
 _FOUND, _SURE, _UNSURE = 1.5, 0.6, 0.4
 """Evidence from which on the place counts as found, and confidence from which on it is sure and
@@ -161,7 +159,7 @@ def compare_rolls(window: Window) -> Array:
     cosines, tilting = terms[..., :4, :], terms[..., 4:, :]
     gaps2 = xp.maximum(4 * (1 - cosines * cosines), 0.0)
     weight = window.is_valid * xp.minimum(tilting / _LEAST_TURN2, 1.0)
-    weight = weight * constant(_older(weight.shape[-1]), weight)
+    weight = weight * constant(1 - is_among_newest(weight.shape[-1], 1), weight)
     return total(weight / (1 + gaps2 / (3 * _ROLL_RAD**2))) / xp.maximum(total(weight), 1.0)
 
 
@@ -177,11 +175,6 @@ _ROLL_TERMS = np.array(
 """Scalar products of the two rotations' quaternions for four rolls, and how far the tracker
 turned about other axes than the camera's; from products of x, y, z, w, the cross product in the
 image, and squares of x, y, z, w."""
-
-
-@cache
-def _older(count: int) -> np.ndarray:
-    return (np.arange(count) > 0) * 1.0
 
 
 def judge(agreement: Agreement, hypotheses: Hypotheses, rolls: Array, newness: Array) -> Agreement:

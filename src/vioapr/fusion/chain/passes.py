@@ -31,7 +31,7 @@ believed: outside the map some do by chance."""
 
 _SAME_WORLD_M, _SAME_WORLD_DEG, _SAME_WORLD_NOISE = 1.0, 10.0, 3.0
 """A world that was lost is the same one if what is known before and after differs by less than
-this, or less than so many times the noise of predictions."""
+this, or less than this multiple of the noise of predictions."""
 
 
 _LEARNED_FACTOR = 3.0
