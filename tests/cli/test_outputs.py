@@ -175,7 +175,9 @@ def test_simulated_walks_replace_walks_that_were_simulated(run, fails, tmp_path)
     assert (out / "walk02" / "vio_sim.tum").read_text() != "mine"
 
 
-@pytest.mark.parametrize("name", ["localizer.onnx", "fused.csv", "report/index.html"])
+@pytest.mark.parametrize(
+    "name", ["localizer.onnx", "fused.csv", "predictions.tum", "report/index.html"]
+)
 def test_a_demo_replaces_no_file_of_the_user(fails, tmp_path, name):
     path = tmp_path / "demo" / name
     path.parent.mkdir(parents=True)

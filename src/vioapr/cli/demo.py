@@ -27,8 +27,8 @@ def demo(
     The files are like a user's own: try the command that is printed on them, or `vioapr bench`.
 
     Args:
-        out: Folder to copy scene and localizer to, and to write fused.csv and the report to. Files
-            of an earlier demo are replaced, others stay.
+        out: Folder to copy scene and localizer to, and to write fused.csv, predictions.tum and
+            the report to. Files of an earlier demo are replaced, others stay.
         open_report: Show the report in a browser, if there is one.
         overwrite: Replace files of the same names too that no demo wrote.
 
@@ -36,14 +36,18 @@ def demo(
         vioapr demo
     """
     results, planned = ResultFolder(out, overwrite=overwrite), demo_in(out)
-    results.check([planned.out.name])
+    written = [planned.out.name, planned.predictions.name]
+    results.check(written)
     check_report(planned.report, overwrite=overwrite)
     given = unpack_demo(out, overwrite=overwrite)
     say(
         f"vioapr localize --model {given.model} --recording {given.recording} "
-        f"--out {given.out} --report {given.report} --overwrite"
+        f"--out {given.out} --predictions {given.predictions} --report {given.report} --overwrite"
     )
-    localize_(given.model, given.out, given.recording, report=given.report, overwrite=True)
-    results.add_note([given.out.name])
+    localize_(
+        given.model, given.out, given.recording,
+        predictions=given.predictions, report=given.report, overwrite=True,
+    )  # fmt: skip
+    results.add_note(written)
     if open_report and is_watched():
         webbrowser.open((given.report / "index.html").resolve().as_uri())

@@ -18,6 +18,7 @@ from vioapr.evaluation.cases import Case
 from vioapr.evaluation.evaluate import count_ticks
 from vioapr.evaluation.tables import COMPARED, compare_methods
 from vioapr.files.outputs import check_outputs
+from vioapr.formats import tum
 from vioapr.formats.base import ReadOptions, TimeUnit
 from vioapr.formats.body_from_cam import (
     AUTO,
@@ -33,6 +34,7 @@ from vioapr.fusion.methods import default_params
 from vioapr.fusion.offline import fuse_walk
 from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import ImportOptions
+from vioapr.plurals import count_of
 from vioapr.report.formatting import format_statuses
 from vioapr.runtime import viewing
 from vioapr.runtime.localizer import Located, OnnxLocalizer
@@ -47,6 +49,7 @@ from vioapr.runtime.walk_checks import check_localized, estimate_mount, mount_fr
 from vioapr.schemas.calibration import PairCalibration
 from vioapr.schemas.contract import Contract
 from vioapr.trajectory import Trajectory
+from vioapr.work.results import replacing_output
 
 
 def localize_(
@@ -62,6 +65,7 @@ def localize_(
     time_unit: TimeUnit | None = None,
     strict: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     calibration: Path | None = None,
+    predictions: OutputFile | None = None,
     report: Path | None = None,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     threads: int | None = None,
@@ -91,6 +95,7 @@ def localize_(
         calibration: What `vioapr calibrate` found, in place of the one that a file with method
             chain carries: its predictions are fused by the same method with this. What --view and
             --rrd show are the file's own answers.
+        predictions: TUM file to write too, with the raw predictions, world_from_cam.
         report: Folder to write an HTML page with tables and figures to; needs ground truth;
             an earlier report in it is replaced, other files stay.
         overwrite: Replace files that exist, also those that vioapr did not write; never one that is
@@ -115,7 +120,7 @@ def localize_(
     read = [model, vio, gt, calibration, *frames.files]
     if vio_from_cam not in (None, AUTO):
         read.append(Path(vio_from_cam))
-    check_outputs([out, rrd], read, overwrite=overwrite)
+    check_outputs([out, predictions, rrd], read, overwrite=overwrite)
     check_report(report, overwrite=overwrite)
     if vio_from_cam is not None:
         body_from_cam = _find_mount(vio_from_cam, model, threads, frames)
@@ -149,6 +154,8 @@ def localize_(
         fused = _fuse_as_calibrated(pair, localizer.contract, walk, strict=strict)
     write_fused_csv(out, fused, overwrite=overwrite)
     say(f"{out}: {format_statuses(fused)}")
+    if predictions is not None:
+        write_predictions(predictions, walk.predictions, overwrite=overwrite)
     if frames.gt is not None:
         compare(walk, fused, localizer, model.name, frames.gt, report, overwrite=overwrite)
     for watch in watchers:
@@ -207,6 +214,18 @@ def _fuse_as_calibrated(
     fused = fuse_walk(CHAIN, params, frames, view="live")
     warn_of_misfit(pair, frames.inputs, fused.world_from_cam, fused.status, strict=strict)
     return fused
+
+
+def write_predictions(
+    path: Path, predictions: Trajectory | None, *, overwrite: bool = False
+) -> None:
+    """Write what the regressor said, if it said anything, and say so."""
+    if predictions is None:
+        say(f"{path}: not written, no frame has a prediction")
+        return
+    with replacing_output(path, overwrite=overwrite) as partial:
+        tum.write(partial, predictions)
+    say(f"{path}: {count_of(len(predictions), 'prediction')}")
 
 
 def compare(

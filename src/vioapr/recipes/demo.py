@@ -33,12 +33,14 @@ class Demo:
         model: The localizer.
         recording: The walk's folder.
         out: The CSV file to write.
+        predictions: The file of raw predictions to write.
         report: The folder of the report to write.
     """
 
     model: Path
     recording: Path
     out: Path
+    predictions: Path
     report: Path
 
 
@@ -48,6 +50,7 @@ def demo_in(folder: Path) -> Demo:
         folder / LOCALIZER_FILE,
         folder / SCENE_FOLDER / RECORDINGS_FOLDER / RECORDING,
         folder / "fused.csv",
+        folder / "predictions.tum",
         folder / "report",
     )
 
