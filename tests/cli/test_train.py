@@ -22,6 +22,7 @@ from vioapr.formats.registry import read_trajectory  # noqa: E402
 from vioapr.fusion.calibrated import read_calibration  # noqa: E402
 from vioapr.regression.checkpoint import load_tensors, save_regressor  # noqa: E402
 from vioapr.regression.networks import build  # noqa: E402
+from vioapr.regression.networks.efficientnet_lite import EfficientNetLite0  # noqa: E402
 from vioapr.scene.scene import Scene  # noqa: E402
 from vioapr.schemas.regressor import RegressorHeader, StateHeader  # noqa: E402
 
@@ -256,6 +257,26 @@ def test_no_training_images(fails, scene, tmp_path):
     line = fails(*arguments)
     assert "expected images with ground truth in the split 'train', found none" in line
     assert not (tmp_path / "run").exists()
+
+
+def test_the_default_network_is_the_pretrained_one_where_it_is_installed(
+    run, scene, tmp_path, monkeypatch
+):
+    """The stand-in for its weights is an untrained file: their package may be missing here."""
+    from vioapr.cli import train as cli_train
+    from vioapr.regression import run as regression_run
+
+    torch.manual_seed(0)
+    torch.save(EfficientNetLite0().state_dict(), tmp_path / "imagenet.pth")
+    monkeypatch.setattr(regression_run, "find_pretrained", lambda _: tmp_path / "imagenet.pth")
+    few = ("--resize", 32, "--crop", 32, "--batch-size", 8, "--epochs", 1)
+    for is_installed, model in ((True, "efficientnet-lite0"), (False, "posenet")):
+        monkeypatch.setattr(cli_train, "has_pretrained", lambda known=is_installed: known)
+        code, out, err = run("train", scene.folder, *few)
+        assert code == 0, err
+        assert f"model: {model}" in out
+        note = json.loads((scene.folder / "models" / model / "regressor.json").read_text())
+        assert note["spec"]["model"] == model
 
 
 def test_what_training_refuses(fails, scene, tmp_path):

@@ -51,7 +51,7 @@ def export(
         params: Parameters of the methods. Those that the file takes as input are its defaults.
 
     Example:
-        vioapr export courtyard/models/posenet --out courtyard.onnx
+        vioapr export courtyard/models/efficientnet-lite0 --out courtyard.onnx
     """
     if (precision == "int8-qdq") != (quantize_by is not None):
         raise ParameterError("`precision` int8-qdq and `quantize_by` go together")

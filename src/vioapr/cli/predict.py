@@ -41,7 +41,7 @@ def predict(
             not write.
 
     Example:
-        vioapr predict courtyard --model courtyard/models/posenet
+        vioapr predict courtyard --model courtyard/models/efficientnet-lite0
     """
     done = predict_split(scene, model, split, out, name, batch_size=batch_size, overwrite=overwrite)
     say(f"predictions: {done.folder}")

@@ -14,6 +14,7 @@ from vioapr.cli.training_lines import TrainingLines
 from vioapr.errors import ParameterError
 from vioapr.plurals import count_of
 from vioapr.regression.params import TrainingParams, batches_of_epoch
+from vioapr.regression.pretrained import LITE0, has_pretrained
 from vioapr.scene.scene import Scene
 from vioapr.schemas.regressor import RegressorSpec
 
@@ -22,7 +23,7 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 def train(
     scenes: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="[SCENE ...]")],
-    model: str = "posenet",
+    model: str | None = None,
     out: Path | None = None,
     weights: Path | None = None,
     validation: str = "",
@@ -40,14 +41,16 @@ def train(
 
     Leaves regressor.safetensors (the best epoch by the validation recordings, or else the
     last), state.safetensors (to resume from) and TensorBoard logs in the folder --out. Images
-    are decoded once, into SCENE/.cache. The defaults are the paper's for PoseNet.
+    are decoded once, into SCENE/.cache. The other defaults are the paper's for PoseNet.
 
     Args:
         scenes: Folders of scenes with ground truth; several need --model ms-transformer.
-        model: posenet (ResNet-34), ms-transformer (EfficientNet-B0), mobile
-            (MobileNetV3-Large), or timm:NAME.
+        model: efficientnet-lite0 (pretrained on ImageNet), posenet (ResNet-34), ms-transformer
+            (EfficientNet-B0), mobile (MobileNetV3-Large), or timm:NAME. By default
+            efficientnet-lite0 where its weights are installed (extra `pretrained`), else posenet.
         out: Folder of the run; by default SCENE/models/MODEL of the first scene.
-        weights: File with pretrained weights of the backbone, with torchvision's names.
+        weights: File with pretrained weights of the backbone, with torchvision's names;
+            efficientnet-lite0 has its own.
         validation: Training recordings to choose the best epoch by, separated by commas; they
             are not learned from.
         rotation: How the network says a rotation: log-quat (the paper's), quat, or 6d, which
@@ -69,6 +72,9 @@ def train(
 
     if not scenes:
         raise ParameterError("scenes: expected at least one scene's folder, got none")
+    if model is None:
+        model = LITE0 if has_pretrained() else "posenet"
+        say(f"model: {model}")
     check_model(model)
     opened = [Scene.open(folder) for folder in scenes]
     names = tuple(scene.name for scene in opened)

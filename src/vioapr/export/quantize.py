@@ -23,7 +23,7 @@ from vioapr.scene.scene import Scene
 _SMALLEST = 1024
 """Elements from which a tensor's precision matters for the file's size."""
 
-_OF_8_BITS = ("Conv", "Gemm", "MatMul", "Add", "MaxPool", "Relu")
+_OF_8_BITS = ("Conv", "Gemm", "MatMul", "Add", "MaxPool", "Relu", "Clip")
 """Operators that int8-qdq quantizes."""
 
 CALIBRATION_IMAGES = 100

@@ -30,6 +30,8 @@ def simplify(model: ir.Model) -> None:
         common.reshape_reshape_rule,
         common.unsqueeze_unsqueeze_rule,
         common.materialize_reshape_shape_rule,
+        common.normalize_pad_format_conv_rule,
+        common.fuse_pad_into_conv_rule,
         common.fuse_batchnorm_into_conv_rule,
         common.fuse_batchnorm_into_gemm_rule,
         RootOfSquares.rule(),

@@ -23,6 +23,7 @@ from vioapr.errors import (
 )
 from vioapr.files.atomic import replacing, write_atomically
 from vioapr.regression.networks import PoseNetwork, build
+from vioapr.regression.networks.efficientnet_lite import EfficientNetLite0
 from vioapr.schemas.base import Document, DocumentType, decode, encode
 from vioapr.schemas.regressor import (
     REGRESSOR_FILE,
@@ -155,7 +156,8 @@ def load_backbone_weights(network: PoseNetwork, path: Path) -> None:
     Args:
         network: Its backbone's weights are replaced.
         path: A `.safetensors` file, or a `.pth` file with a state_dict. A classifier in it
-            (`fc.*`, `classifier.*`) is left out.
+            (`fc.*`, `classifier.*`) is left out. Of EfficientNet-Lite0, names may be those of
+            the published file.
 
     Raises:
         FileMissingError: There is no such file.
@@ -167,6 +169,8 @@ def load_backbone_weights(network: PoseNetwork, path: Path) -> None:
         for name, value in read_state_dict(path).items()
         if not name.removeprefix("module.").startswith(("fc.", "classifier."))
     }
+    if isinstance(backbone, EfficientNetLite0):
+        given = backbone.select(given)
     own = backbone.state_dict()
     # Before PyTorch 0.4.1 batches were not counted.
     counters = {name for name in own if name.endswith("num_batches_tracked")}

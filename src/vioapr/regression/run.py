@@ -14,6 +14,7 @@ from vioapr.regression.checkpoint import load_backbone_weights
 from vioapr.regression.data import PosedFrames, Samples, load_samples, split_frames
 from vioapr.regression.networks import PoseNetwork, build
 from vioapr.regression.params import TrainingParams
+from vioapr.regression.pretrained import LITE0, find_pretrained
 from vioapr.regression.watch import Watch
 from vioapr.scene.scene import Scene
 from vioapr.schemas.regressor import REGRESSOR_FILE, STATE_FILE, RegressorSpec
@@ -100,16 +101,20 @@ def prepare_run(
         spec: The network to build.
         params: How it will be trained; the seed decides the first weights.
         folder: Of the run.
-        weights: File with pretrained weights of the backbone.
+        weights: File with pretrained weights of the backbone; of `efficientnet-lite0`, None
+            takes those of the extra `pretrained`.
         tick: Called after every image.
 
     Raises:
         ParameterError: The network cannot be built.
+        MissingExtraError: Weights are not given, and those of the network are not installed.
         FileError: Weights or an image are missing or broken.
     """
     torch.manual_seed(params.seed)
     # Before the images, which can take minutes: wrong weights are known at once.
     network = build(spec)
+    if weights is None and spec.model == LITE0:
+        weights = find_pretrained(f"model {LITE0}")
     if weights is not None:
         load_backbone_weights(network, weights)
     samples = load_samples(scenes, frames.learning, spec.resize, tick)

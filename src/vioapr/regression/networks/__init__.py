@@ -6,20 +6,22 @@ from torch import nn
 
 from vioapr.errors import ParameterError
 from vioapr.regression.networks.base import PoseNetwork, Prediction, Raw
+from vioapr.regression.networks.efficientnet_lite import EfficientNetLite0
 from vioapr.regression.networks.mobilenet import MobileNetV3Large
 from vioapr.regression.networks.ms_transformer import MSTransformer
 from vioapr.regression.networks.posenet import PoseNet
 from vioapr.regression.networks.resnet import ResNet34
 from vioapr.regression.networks.rotation import ROTATION_CODES
 from vioapr.regression.networks.timm_backbone import TIMM_PREFIX, TimmBackbone
+from vioapr.regression.pretrained import LITE0
 from vioapr.schemas.regressor import RegressorSpec
 
 __all__ = ["MODELS", "PoseNetwork", "Prediction", "Raw", "build", "check_model"]
 
-MODELS = ("posenet", "ms-transformer", "mobile")
+MODELS = ("posenet", "ms-transformer", "mobile", LITE0)
 """Names besides `timm:<name>`."""
 
-_DROPOUT = {"posenet": 0.5, "ms-transformer": 0.1, "mobile": 0.2}
+_DROPOUT = {"posenet": 0.5, "ms-transformer": 0.1, "mobile": 0.2, LITE0: 0.2}
 
 
 def check_model(name: str) -> None:
@@ -58,6 +60,9 @@ def build(spec: RegressorSpec) -> PoseNetwork:
     if spec.model == "mobile":
         channels = MobileNetV3Large.CHANNELS
         return PoseNet(MobileNetV3Large(), channels, 1280, nn.Hardswish, dropout, code)
+    if spec.model == LITE0:
+        channels = EfficientNetLite0.CHANNELS
+        return PoseNet(EfficientNetLite0(), channels, 1280, nn.ReLU, dropout, code)
     if spec.model == "posenet":
         return PoseNet(ResNet34(), ResNet34.CHANNELS, 2048, nn.ReLU, dropout, code)
     backbone = TimmBackbone(spec.model.removeprefix(TIMM_PREFIX))

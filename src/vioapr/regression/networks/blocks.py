@@ -27,11 +27,12 @@ class ConvNorm(nn.Sequential):
         groups: int = 1,
         activation: Activation | None = None,
         norm: Norm = nn.BatchNorm2d,
+        convolution: type[nn.Conv2d] = nn.Conv2d,
     ) -> None:
         """Padding keeps the size, up to the stride."""
         padding = (kernel - 1) // 2
-        convolution = nn.Conv2d(inputs, outputs, kernel, stride, padding, groups=groups, bias=False)
-        layers: list[nn.Module] = [convolution, norm(outputs)]
+        first = convolution(inputs, outputs, kernel, stride, padding, groups=groups, bias=False)
+        layers: list[nn.Module] = [first, norm(outputs)]
         if activation is not None:
             layers.append(activation(inplace=True))
         super().__init__(*layers)
@@ -89,10 +90,11 @@ class InvertedResidual(nn.Module):
         squeeze: Callable[[int], nn.Module] | None,
         norm: Norm = nn.BatchNorm2d,
         drop_probability: float = 0.0,
+        convolution: type[nn.Conv2d] = nn.Conv2d,
     ) -> None:
         """With a residual connection where the shape stays."""
         super().__init__()
-        conv = partial(ConvNorm, norm=norm)
+        conv = partial(ConvNorm, norm=norm, convolution=convolution)
         layers: list[nn.Module] = []
         if expanded != inputs:
             layers.append(conv(inputs, expanded, 1, activation=activation))

@@ -12,7 +12,7 @@ from vioapr.regression.networks.blocks import (
 )
 
 # Expansion, kernel, stride, output channels, blocks (table 1 of the paper).
-_STAGES = (
+STAGES = (
     (1, 3, 1, 16, 1),
     (6, 3, 2, 24, 2),
     (6, 5, 2, 40, 2),
@@ -21,7 +21,8 @@ _STAGES = (
     (6, 5, 2, 192, 4),
     (6, 3, 1, 320, 1),
 )
-_DROP_PROBABILITY = 0.2
+"""Of B0, and of EfficientNet-Lite0."""
+DROP_PROBABILITY = 0.2
 """Stochastic depth of the last block; growing linearly from 0 at the first."""
 
 
@@ -39,11 +40,11 @@ class EfficientNetB0(nn.Module):
         super().__init__()
         inputs = 32
         layers: list[nn.Module] = [ConvNorm(3, inputs, 3, 2, activation=nn.SiLU)]
-        total, done = sum(stage[-1] for stage in _STAGES), 0
-        for expansion, kernel, stride, outputs, count in _STAGES:
+        total, done = sum(stage[-1] for stage in STAGES), 0
+        for expansion, kernel, stride, outputs, count in STAGES:
             blocks: list[nn.Module] = []
             for number in range(count):
-                drop = _DROP_PROBABILITY * done / total
+                drop = DROP_PROBABILITY * done / total
                 first = stride if number == 0 else 1
                 blocks.append(mb_conv(inputs, expansion, outputs, kernel, first, drop))
                 inputs, done = outputs, done + 1
