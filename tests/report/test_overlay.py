@@ -18,6 +18,7 @@ from vioapr.report.overlay.walk import (
     TRUTH,
     OverlayWalk,
     carry_on,
+    find_up,
     read_overlay_walk,
 )
 from vioapr.scene.frames import Intrinsics, Tracking
@@ -49,7 +50,7 @@ def walk_of(poses, cameras=(CAMERA,), times=None, turns=0):
     count = len(next(iter(poses.values())).translation_m)
     cameras = cameras * count if len(cameras) == 1 else cameras
     times = np.arange(count) / 5 if times is None else times
-    return OverlayWalk("walk", times, (), cameras, poses, turns)
+    return OverlayWalk("walk", times, (), cameras, poses, np.array([0.0, 0.0, 1.0]), turns)
 
 
 def levels(position_m):
@@ -226,6 +227,20 @@ def test_the_tracker_carries_predictions_on_until_its_world_is_another():
     carried = carry_on(apr, vio, np.array([0, 0, 0, 0, 1]))
     assert carried.is_known.tolist() == [False, True, True, False, False]
     assert carried.translation_m[2] == pytest.approx([12, 5, 0])
+
+
+@pytest.mark.parametrize(
+    ("world_axes", "up"),
+    [
+        (np.eye(3), [0, 0, 1]),
+        ([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0, -1, 0]),  # OpenCV's axes for the world too
+        ([[0, -1, 0], [0, 0, 1], [-1, 0, 0]], [0, 0, 1]),  # a desk filmed from above
+    ],
+)
+def test_up_is_z_unless_all_pictures_would_be_of_the_sky(world_axes, up):
+    level = quaternion.to_matrix(LEVEL_XYZW)
+    quat = quaternion.from_matrix(np.asarray(world_axes, dtype=float) @ level)
+    assert find_up(Rigid3(np.zeros((4, 3)), np.tile(quat, (4, 1)))) == pytest.approx(up)
 
 
 @pytest.fixture

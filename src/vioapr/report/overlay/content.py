@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import ParameterError
-from vioapr.geometry import rigid
+from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.arrays import FloatArray
 from vioapr.geometry.rigid import Rigid3
 from vioapr.report.overlay.canvas import Array, Pinhole
@@ -65,9 +65,9 @@ def place_anchors(walk: OverlayWalk) -> tuple[Anchor, ...]:
     rows = known[spread(len(known), _MOST_FRAMES)]
     cameras, cam_from_world = [walk.cameras[row] for row in rows], poses.at(rows).inverse()
     position_m = poses.translation_m[rows]
-    ground_m = position_m - (0.0, 0.0, _GROUND_BELOW_CAMERA_M)
+    ground_m = position_m - _GROUND_BELOW_CAMERA_M * walk.up
     candidates = Candidates(ground_m, np.full(len(rows), _GROUND_SIZE_M), _ON_GROUND_M)
-    worth = _worth(candidates, cameras, cam_from_world)
+    worth = _worth(candidates, walk.up, cameras, cam_from_world)
     chosen = _choose(worth)
     if not chosen or (worth[:, chosen].max(axis=1) > 0).mean() < _LEAST_SEEN:
         depth_m = np.geomspace(*_BEFORE_CAMERA_M, 10)[:, None]
@@ -76,7 +76,7 @@ def place_anchors(walk: OverlayWalk) -> tuple[Anchor, ...]:
         sizes_m = np.tile(_SIZE_PER_DEPTH * depth_m[:, 0], len(rows))
         some = spread(len(points_m), 4 * _MOST_FRAMES)
         candidates = Candidates(points_m[some], sizes_m[some], _BEFORE_CAMERA_M)
-        worth = _worth(candidates, cameras, cam_from_world)
+        worth = _worth(candidates, walk.up, cameras, cam_from_world)
         chosen = _choose(worth)
     if not chosen:
         raise ParameterError("no place is in the pictures: give `anchors`")
@@ -84,7 +84,7 @@ def place_anchors(walk: OverlayWalk) -> tuple[Anchor, ...]:
         Anchor(
             label="ABCDEFGH"[number],
             position_m=_rounded(candidates.foot_m[k]),
-            quat_xyzw=_facing(candidates.foot_m[k], position_m[worth[:, k] > 0]),
+            quat_xyzw=_facing(walk.up, candidates.foot_m[k], position_m[worth[:, k] > 0]),
             size_m=round(float(candidates.size_m[k]), 3),
         )
         for number, k in enumerate(chosen)
@@ -92,11 +92,11 @@ def place_anchors(walk: OverlayWalk) -> tuple[Anchor, ...]:
 
 
 def _worth(
-    candidates: Candidates, cameras: list[Pinhole], cam_from_world: Rigid3[FloatArray]
+    candidates: Candidates, up: Array, cameras: list[Pinhole], cam_from_world: Rigid3[FloatArray]
 ) -> Array:
     """How well frames see candidates, 0 to 1, shape (frames, candidates)."""
     near_m, far_m = candidates.depths_m
-    middle_m = candidates.foot_m + 0.5 * candidates.size_m[:, None] * (0.0, 0.0, 1.0)
+    middle_m = candidates.foot_m + 0.5 * candidates.size_m[:, None] * up
     worth = np.zeros((len(cameras), len(middle_m)))
     for row, camera in enumerate(cameras):
         inside = cam_from_world.at(row).apply(middle_m)
@@ -120,11 +120,17 @@ def _choose(worth: Array) -> list[int]:
     return chosen
 
 
-def _facing(foot_m: Array, viewers_m: Array) -> tuple[float, float, float, float]:
+def _facing(up: Array, foot_m: Array, viewers_m: Array) -> tuple[float, float, float, float]:
     """Upright, with the front to where it is mostly seen from."""
-    x, y, _ = viewers_m.mean(axis=0) - foot_m
-    half_rad = np.arctan2(y, x) / 2
-    return 0.0, 0.0, round(float(np.sin(half_rad)), 6), round(float(np.cos(half_rad)), 6)
+    z = up / np.linalg.norm(up)
+    front = viewers_m.mean(axis=0) - foot_m
+    front -= (front @ z) * z
+    if np.linalg.norm(front) < 1e-6:  # seen from straight above: any direction will do
+        front = np.cross(z, np.roll(z, 1))
+    x = front / np.linalg.norm(front)
+    matrix = np.stack([x, np.cross(z, x), z], axis=1)
+    qx, qy, qz, qw = (round(float(value), 6) for value in quaternion.from_matrix(matrix))
+    return qx, qy, qz, qw
 
 
 def _rounded(position_m: Array) -> tuple[float, float, float]:

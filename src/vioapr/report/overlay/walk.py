@@ -17,6 +17,8 @@ from vioapr.scene.recording import Recording
 from vioapr.trajectory import DEFAULT_TOLERANCE_S, Trajectory, poses_of_frames
 
 RAW, FUSED, TRUTH = "raw", "fused", "truth"
+_LOOKS_AT_THE_SKY = 0.5
+"""Median of z in the cameras' directions above which z is not up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,7 @@ class OverlayWalk:
         cameras: Of the pictures.
         poses: world_from_cam by estimate, `RAW`, `FUSED` and `TRUTH` as far as there are any, in
             this order; shape (n,), NaN where an estimate has none.
+        up: The direction up in the world, unit, shape (3,): z, unless the cameras deny it.
         quarter_turns: By how many quarters, counterclockwise, pictures are turned to be upright.
     """
 
@@ -38,6 +41,7 @@ class OverlayWalk:
     images: tuple[Path, ...]
     cameras: tuple[Pinhole, ...]
     poses: dict[str, Rigid3[FloatArray]]
+    up: FloatArray
     quarter_turns: int
 
     def __len__(self) -> int:
@@ -93,8 +97,28 @@ def read_overlay_walk(
     if RAW in poses:
         poses[RAW] = carry_on(poses[RAW], frames.vio_from_cam, frames.tracking_world)
     cameras = _cameras(recording, rows, images, focal_px)
-    turns = _find_quarter_turns(poses[FUSED])
-    return OverlayWalk(recording.id, frames.timestamp_s, images, cameras, poses, turns)
+    known = poses[FUSED].at(poses[FUSED].is_known)
+    up = find_up(known)
+    turns = _find_quarter_turns(known, up)
+    return OverlayWalk(recording.id, frames.timestamp_s, images, cameras, poses, up, turns)
+
+
+def find_up(world_from_cam: Rigid3[FloatArray]) -> FloatArray:
+    """Find which way is up, as not every map's z is: of data sets, and without gravity.
+
+    Nobody films the sky all the time: if the cameras look along +z, up is what is up in pictures.
+
+    Args:
+        world_from_cam: Known poses, shape (n,).
+
+    Returns:
+        Unit, world coordinates, shape (3,).
+    """
+    rotation = quaternion.to_matrix(world_from_cam.quat_xyzw)
+    if np.median(rotation[:, 2, 2]) < _LOOKS_AT_THE_SKY:
+        return np.array([0.0, 0.0, 1.0])
+    up = -rotation[:, :, 1].mean(axis=0)
+    return up / np.linalg.norm(up)
 
 
 def carry_on(
@@ -152,10 +176,9 @@ def _cameras(
     return tuple(cameras)
 
 
-def _find_quarter_turns(world_from_cam: Rigid3[FloatArray]) -> int:
-    """How far most pictures are to be turned for the world's up to point up in them."""
-    cam_from_world = quaternion.inverse(world_from_cam.quat_xyzw[world_from_cam.is_known])
-    up = quaternion.rotate(cam_from_world, np.array([0.0, 0.0, 1.0]))
+def _find_quarter_turns(world_from_cam: Rigid3[FloatArray], up: FloatArray) -> int:
+    """How far most pictures are to be turned for what is up in the world to be up in them."""
+    seen = quaternion.rotate(quaternion.inverse(world_from_cam.quat_xyzw), up)
     # Up in the picture is -y. Turned counterclockwise by a quarter, what was right is up.
-    quarters = np.round(np.arctan2(up[:, 0], -up[:, 1]) / (np.pi / 2)).astype(int) % 4
+    quarters = np.round(np.arctan2(seen[:, 0], -seen[:, 1]) / (np.pi / 2)).astype(int) % 4
     return int(np.bincount(quarters, minlength=4).argmax())
