@@ -353,7 +353,7 @@ def test_predictions_are_kept_and_another_models_are_not_replaced(
     other = tmp_path / "other.safetensors"
     save_regressor(other, build(spec()), spec())
     line = fails(*arguments, other)
-    assert "apr_mobile.tum: exists, by another regressor: choose another --name" in line
+    assert "apr_mobile.tum: exists, by another model: choose another --name" in line
     assert "or give --overwrite" in line
     assert {k: v for k, v in content_of(out).items() if k in before}.keys() == before.keys()
     assert path.read_bytes() == expected

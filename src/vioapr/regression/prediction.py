@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vioapr.errors import AlreadyExistsError, FormatError
+from vioapr.errors import FormatError
 from vioapr.formats.stated_sigmas import Sigmas
 from vioapr.geometry import quaternion
 from vioapr.regression.augmentation import middle_crop
@@ -19,13 +19,10 @@ from vioapr.regression.cache import read_images
 from vioapr.regression.checkpoint import LoadedRegressor, load
 from vioapr.regression.data import Samples
 from vioapr.regression.networks import PoseNetwork
+from vioapr.scene.predictions import Predictions, write_predictions
 from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import Scene
-from vioapr.scene.walks import APR_PREFIX, write_walk, write_walk_of_recording
 from vioapr.trajectory import Trajectory
-from vioapr.work.locks import locked_folder
-from vioapr.work.results import ResultFolder
-from vioapr.work.steps import fingerprint
 
 _MEDIAN_OF_MEAN = 0.891
 """Median of the mean of three absolute values of Laplace's distribution of size 1: a third of
@@ -185,7 +182,8 @@ def predict_walks(
 ) -> Iterator[PredictedWalk]:
     """Predict recordings, one after the other, and write each as `evaluate` takes it.
 
-    Predictions that are there, by the same regressor of the same images, are kept.
+    Predictions that are there, by the same regressor of the same images, are kept; see
+    `write_predictions`.
 
     Args:
         regressor: On any device.
@@ -204,57 +202,19 @@ def predict_walks(
         LockedError: Another process predicts into the folder.
         FileError: A recording has no images, is broken, or a file cannot be written.
     """
-    file = f"{APR_PREFIX}{name}.tum"
-    keys = {id_: f"{digest} {_fingerprint_images(scene, id_)}" for id_ in ids}
-    results = {id_: ResultFolder(folder / id_, overwrite=overwrite) for id_ in ids}
-    for id_ in ids:
-        check_predictions(results[id_], name, digest)
-    with locked_folder(folder):
-        for id_ in ids:
-            is_kept = bool(digest) and results[id_].made_from(file) == keys[id_]
-            seen = np.zeros(0, dtype=np.int64)
-            if is_kept:
-                for _ in range(int(scene.recording(id_).frames.has_image.sum())):
-                    tick()
-            else:
-                poses, predicted = predict_recording(
-                    regressor, scene, id_, batch_size=batch_size, tick=tick
-                )
-                seen = predicted.scene
-            with results[id_].adding({file: keys[id_]}) as partial:
-                if not is_kept:
-                    sigma_deg = np.degrees(predicted.sigma_orientation_rad)
-                    sigmas = Sigmas(predicted.sigma_position_m, sigma_deg)
-                    write_walk(partial, aprs={name: poses}, apr_sigmas={name: sigmas})
-                is_evaluable = write_walk_of_recording(partial, scene, id_)
-            yield PredictedWalk(id_, seen, is_evaluable, is_kept)
+    seen: dict[str, NDArray[np.int64]] = {}
 
-
-def check_predictions(results: ResultFolder, name: str, digest: str) -> None:
-    """See that predictions would replace none of another regressor, and no file of the user's.
-
-    Args:
-        results: The walk's folder.
-        name: Of the predictions.
-        digest: Of the regressor's file, or "".
-
-    Raises:
-        AlreadyExistsError: They would.
-    """
-    results.check([f"{APR_PREFIX}{name}.*"])
-    file = f"{APR_PREFIX}{name}.tum"
-    made_from = results.made_from(file)
-    if made_from is not None and made_from.split(" ")[0] != digest and not results.overwrite:
-        raise AlreadyExistsError(
-            results.folder / file,
-            "exists, by another regressor: choose another `name`, or give `overwrite`",
+    def predict(id_: str) -> Predictions:
+        poses, predicted = predict_recording(
+            regressor, scene, id_, batch_size=batch_size, tick=tick
         )
+        seen[id_] = predicted.scene
+        sigma_deg = np.degrees(predicted.sigma_orientation_rad)
+        return Predictions(poses, Sigmas(predicted.sigma_position_m, sigma_deg))
 
-
-def _fingerprint_images(scene: Scene, id_: str) -> str:
-    """Changes with the images of a recording, and their times."""
-    frames = scene.recording(id_).frames
-    folder = scene.recording_folder(id_) / IMAGES_FOLDER
-    stats = [(folder / name).stat() for name in frames.image if name and (folder / name).exists()]
-    sizes = [[found.st_size, found.st_mtime_ns] for found in stats]
-    return fingerprint(list(frames.image), frames.timestamp_s, sizes)
+    written = write_predictions(
+        predict, scene, ids, folder, name, digest=digest, overwrite=overwrite, tick=tick
+    )
+    for walk in written:
+        unseen = np.zeros(0, dtype=np.int64)
+        yield PredictedWalk(walk.id, seen.get(walk.id, unseen), walk.can_be_evaluated, walk.is_kept)
