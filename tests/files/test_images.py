@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 from tests.scene.scenes import jpeg
 
-from vioapr.files.images import decode_problem, probe_bytes, probe_image
+from vioapr.errors import FileMissingError, FormatError
+from vioapr.files.images import decode_problem, probe_bytes, probe_image, read_grey
 
 
 def encode(width, height, **options):
@@ -76,3 +77,27 @@ def test_damage_within_an_image_shows_when_it_is_decoded(tmp_path):
     path.write_bytes(content)
     assert probe_image(path).problem is None
     assert "cannot be decoded" in decode_problem(path)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+@pytest.mark.parametrize("longest_px", [50, 77, 200, 400])
+def test_a_grey_image_is_scaled_down_only(tmp_path, suffix, longest_px):
+    ramp = np.linspace(0, 255, 200)[None, :, None] * np.ones((90, 1, 3))
+    path = tmp_path / f"ramp.{suffix}"
+    Image.fromarray(ramp.astype(np.uint8)).save(path)
+    grey = read_grey(path, longest_px)
+    size = np.array(grey.pixels.shape[::-1])
+    assert size.max() == min(longest_px, 200)
+    np.testing.assert_allclose(size * grey.scale, [200, 90])
+    middle = (np.arange(size[0]) + 0.5) * grey.scale[0] - 0.5
+    np.testing.assert_allclose(grey.pixels[size[1] // 2], 255 * middle / 199, atol=4)
+
+
+def test_a_broken_grey_image(tmp_path):
+    path = tmp_path / "half.jpg"
+    Image.new("L", (300, 200), 90).save(path)
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(FormatError, match="can be decoded"):
+        read_grey(path, 100)
+    with pytest.raises(FileMissingError):
+        read_grey(tmp_path / "none.jpg", 100)

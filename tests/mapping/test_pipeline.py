@@ -119,7 +119,7 @@ def test_nothing_finished_is_done_again(mapped_room, copy_of):
     [
         ("finding features", 5, []),
         ("matching images", 5, ["features"]),
-        ("mapping (incremental)", 3, ["features", "matches", "near", "pruning"]),
+        ("mapping (vio)", 3, ["features", "matches", "near", "pruning"]),
     ],
 )
 def test_a_killed_run_resumes(room, mapped_room, copy_of, title, count, reused):

@@ -3,7 +3,8 @@ from tests.court import joined, make_court, pairs_of
 
 from vioapr.geometry import rigid
 from vioapr.geometry.rigid import Rigid3
-from vioapr.mapping.two_view import between_worlds_deg, estimate_distances_m, fits
+from vioapr.mapping.two_view import between_worlds_deg, estimate_distances_m
+from vioapr.mapping.verification import fits
 from vioapr.simulation.court import COUNT, crossing_rows, sequential_rows
 
 STRAIGHT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -7,7 +7,7 @@ import os
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,15 +125,58 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.uint
     """
     from PIL.Image import Resampling
 
+    with _decoding(path) as image:
+        pixels = image.convert("RGB")
+        if size is not None:
+            pixels = pixels.resize(size, Resampling.BILINEAR)
+        return np.asarray(pixels)
+
+
+class GreyImage(NamedTuple):
+    """A decoded image that may have been scaled down.
+
+    Attributes:
+        pixels: Shape (height, width).
+        scale: Pixels of the file by pixels of these, along x and y, shape (2,).
+    """
+
+    pixels: NDArray[np.uint8]
+    scale: NDArray[np.float64]
+
+
+def read_grey(path: Path, longest_px: int) -> GreyImage:
+    """Decode an image as grey, as the sensor gave it: not turned upright.
+
+    Args:
+        path: The file.
+        longest_px: It is scaled down if its longer side has more pixels.
+
+    Raises:
+        FileMissingError: It is missing.
+        FormatError: It is broken, has 16 bits a channel, or more than `MAX_MEGAPIXELS`.
+    """
+    from PIL.Image import Resampling
+
+    with _decoding(path) as image:
+        whole = np.array(image.size)
+        shrunk = np.maximum(np.rint(whole * min(longest_px / whole.max(), 1.0)).astype(int), 1)
+        size = (int(shrunk[0]), int(shrunk[1]))
+        image.draft("L", size)  # a JPEG is decoded at no more than it takes
+        grey = image.convert("L")
+        if grey.size != size:
+            grey = grey.resize(size, Resampling.BILINEAR)
+        return GreyImage(np.asarray(grey), whole / shrunk)
+
+
+@contextmanager
+def _decoding(path: Path) -> Generator[ImageFile.ImageFile, None, None]:
+    """Open an image that may be decoded; what is wrong with it comes as an error of ours."""
     try:
         with open_image(path) as image:
             probe = ImageProbe(*image.size, None, 16 if _is_deep(image) else 8)
             if probe.obstacle:
                 raise FormatError(path, probe.obstacle)
-            pixels = image.convert("RGB")
-            if size is not None:
-                pixels = pixels.resize(size, Resampling.BILINEAR)
-            return np.asarray(pixels)
+            yield image
     except FileNotFoundError:
         raise FileMissingError(path, "expected an image, found no file of this name") from None
     except (OSError, SyntaxError, ValueError) as error:

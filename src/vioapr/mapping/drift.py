@@ -17,7 +17,7 @@ from vioapr.mapping.inputs import MapImages
 from vioapr.mapping.joining import about_up, link, miss_m
 from vioapr.mapping.two_view import PairGeometries
 
-VIO_M, VIO_SHARE, VIO_DEG = 0.03, 0.02, 0.5
+VIO_M, VIO_SHARE, VIO_DEG = 0.005, 0.02, 0.5
 """Standard errors of VIO between neighbours: position, its share of the way, heading."""
 
 PAIR_M, PAIR_SHARE, PAIR_DEG = 0.1, 0.1, 2.0

@@ -43,6 +43,18 @@ class CameraGroup(NamedTuple):
     cy: float | None
 
 
+class Located(NamedTuple):
+    """Where images are, as far as VIO and matches tell.
+
+    Attributes:
+        world_from_cam: Shape (n,), y up, NaN where unknown.
+        world: Shape (n,); images of the same number are in the same world.
+    """
+
+    world_from_cam: Rigid3
+    world: NDArray[np.intp]
+
+
 @dataclass(frozen=True, eq=False)
 class MapImages:
     """Images of several recordings, n of them, recording by recording and in order of time.
@@ -88,6 +100,11 @@ class MapImages:
     def has_vio(self) -> NDArray[np.bool_]:
         """Shape (n,), the images with a pose of the tracker."""
         return self.vio_from_cam.is_known
+
+    @property
+    def by_vio(self) -> Located:
+        """Where VIO says that they are, each tracking world by itself."""
+        return Located(self.vio_from_cam, self.tracking_world)
 
     def rows_of(self, id_: str) -> NDArray[np.intp]:
         """Rows of one recording, in order of time."""

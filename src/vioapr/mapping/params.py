@@ -13,8 +13,9 @@ class MappingParams:
     """How a place is mapped.
 
     Attributes:
-        mapper: incremental grows the model image by image and is the more robust; global solves
-            all rotations, then all positions at once, and is faster on many images.
+        mapper: vio starts from the tracker's poses, and takes incremental where that fails;
+            incremental grows the model image by image, which takes several times as long; global
+            solves all rotations, then all positions at once.
         max_rate_hz: Largest number of images a second of every recording that are mapped; 0 for
             all. Frames between them get their ground truth by VIO.
         max_image_size: Images are scaled down to this many pixels along their longer side
@@ -33,7 +34,7 @@ class MappingParams:
         seed: Of all random draws.
     """
 
-    mapper: Literal["incremental", "global"] = "incremental"
+    mapper: Literal["vio", "incremental", "global"] = "vio"
     max_rate_hz: float = 3.0
     max_image_size: int = 1600
     max_features: int = 2048

@@ -14,17 +14,20 @@ from vioapr.files.atomic import restore_folder
 from vioapr.mapping import pairs
 from vioapr.mapping.alignment import align_model, poses_of_model
 from vioapr.mapping.colmap import load_pycolmap, open_database, read_model, write_model
-from vioapr.mapping.features import extract_features, image_ids, read_descriptors
+from vioapr.mapping.features import extract_features, load_opencv
 from vioapr.mapping.inputs import MapImages, collect_images
 from vioapr.mapping.kept import check_map_folder
-from vioapr.mapping.matching import MIN_INLIERS, count_inliers, find_islands, match_pairs
+from vioapr.mapping.matching import count_inliers, find_islands, match_pairs
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import locate, prune_pairs
 from vioapr.mapping.publishing import Results, publish
-from vioapr.mapping.reconstruct import reconstruct
+from vioapr.mapping.reconstruct import Models, reconstruct
 from vioapr.mapping.registration import RegisteredImage, pairs_by_vio, register_images
-from vioapr.mapping.retrieval import describe_images
+from vioapr.mapping.retrieval import describe_features
+from vioapr.mapping.triangulation import triangulate_model
+from vioapr.mapping.trust import find_fault
 from vioapr.mapping.two_view import read_geometries
+from vioapr.mapping.verification import MIN_INLIERS
 from vioapr.scene.scene import RECORDINGS_FOLDER, Scene
 from vioapr.schemas.map_summary import MapSummary, MatchSummary, WorldSummary
 from vioapr.work.child import run_in_child
@@ -68,6 +71,7 @@ def map_scene(
         VioAprError: A recording is broken, a package is missing, or a file cannot be written.
     """
     load_pycolmap()
+    load_opencv()
     p = params or MappingParams()
     with locked_folder(scene.folder / WORK_FOLDER):
         restore_folder(scene.map_folder)
@@ -84,10 +88,8 @@ def map_scene(
         steps.run("near", [p.spatial], run.match_near, int)
         matches = steps.run("pruning", [], run.prune_matches, MatchSummary)
         run.require_one_island(matches.islands)
-        models = steps.run(
-            "model", [p.mapper, p.refine_intrinsics], run.reconstruct, list[list[str]]
-        )
-        run.require_all_recordings(models[0])
+        models = steps.run("model", [p.mapper, p.refine_intrinsics], run.reconstruct, Models)
+        run.require_all_recordings(models.names[0])
         world = steps.run("world", [p.allow_partial], run.align, WorldSummary)
         tests = steps.run("test", [p.min_inliers], run.register_tests, list[RegisteredImage])
         results = Results(run.featureless, matches, models, world, tests, run.world)
@@ -173,16 +175,9 @@ class _Run:
             raise MappingError(f"expected at least 3 training images, got {len(train)}")
         usable = self.usable_rows(self.images.ids)
         names = [self.images.names[row] for row in usable]
-        with (
-            self.progress("comparing looks", len(names)) as tick,
-            open_database(self.database) as database,
-        ):
-            ids = image_ids(database)
-            described = describe_images(
-                lambda name: read_descriptors(database, ids[name]),
-                names,
-                seed=self.params.seed,
-                tick=tick,
+        with self.progress("comparing looks", len(names)) as tick:
+            described = run_in_child(
+                describe_features, self.database, names, self.params.seed, tick=tick
             )
         vectors = np.zeros((len(self.images), described.shape[1]), dtype=np.float32)
         vectors[usable] = described
@@ -191,7 +186,10 @@ class _Run:
         np.save(self.folder / LIKENESS_FILE, vectors)
         np.save(self.folder / PAIRS_FILE, chosen)
         with self.progress("matching images", len(chosen)) as tick:
-            run_in_child(match_pairs, self.database, self.images, chosen, self.params, tick=tick)
+            run_in_child(
+                match_pairs, self.database, self.images, chosen, [self.images.by_vio], self.params,
+                tick=tick,
+            )  # fmt: skip
         return len(chosen)
 
     def match_near(self, is_resumed: bool) -> int:
@@ -204,7 +202,15 @@ class _Run:
         everything = pairs.unique_pairs(np.concatenate([first, near]))
         np.save(self.folder / ALL_PAIRS_FILE, everything)
         with self.progress("matching near images", len(near)) as tick:
-            run_in_child(match_pairs, self.database, self.images, near, self.params, tick=tick)
+            run_in_child(
+                match_pairs,
+                self.database,
+                self.images,
+                near,
+                [self.images.by_vio, located],
+                self.params,
+                tick=tick,
+            )
         return len(everything) - len(first)
 
     def prune_matches(self, is_resumed: bool) -> MatchSummary:
@@ -233,18 +239,50 @@ class _Run:
                 "scene.toml, or map the largest alone with allow_partial"
             )
 
-    def reconstruct(self, is_resumed: bool) -> list[list[str]]:
-        """Make the model; returns the names of its images, and of those of smaller models."""
+    def reconstruct(self, is_resumed: bool) -> Models:
+        """Make the model: from VIO if that can be trusted, otherwise by the mapper asked for."""
+        fault = ""
+        if self.params.mapper == "vio":
+            names, fault = self.triangulate()
+            if not fault:
+                return Models(names=[names], mapper="vio")
+        mapper = "global" if self.params.mapper == "global" else "incremental"
         names = [self.images.names[row] for row in self.usable_rows(self.train)]
+        with self.progress(f"mapping ({mapper})", len(names)) as tick:
+            found = run_in_child(
+                reconstruct, self.database, self.image_folder, names, self.sparse, self.params,
+                refines_intrinsics=self.refines_intrinsics, tick=tick,
+            )  # fmt: skip
+        return Models(names=found, mapper=mapper, vio_fault=fault)
+
+    def triangulate(self) -> tuple[list[str], str]:
+        """Make a model from VIO; returns its images, and what speaks against it."""
+        rows = self.usable_rows(self.train)
+        chosen = np.load(self.folder / ALL_PAIRS_FILE)
+        with self.progress("joining recordings", len(chosen)) as tick:
+            found = read_geometries(self.database, self.images, chosen, tick)
+            poses, world = locate(self.images, found, self.params.seed)
+        # The model starts with the world that most images are in; the others are placed in it.
+        is_known = self.images.is_tracked[rows] & poses.is_known[rows]
+        if not is_known.any():
+            return [], "there is no VIO pose with tracking normal"
+        largest = np.bincount(world[rows[is_known]]).argmax()
+        start = poses.at(rows)
+        start.translation_m[~is_known | (world[rows] != largest)] = np.nan
+        with self.progress("mapping (vio)", len(rows)) as tick:
+            names = run_in_child(
+                triangulate_model, self.database, [self.images.names[row] for row in rows], start,
+                self.sparse, self.params, refines_intrinsics=self.refines_intrinsics, tick=tick,
+            )  # fmt: skip
+        return names, find_fault(read_model(self.sparse), self.images, len(rows))
+
+    @property
+    def refines_intrinsics(self) -> bool:
+        """Whether focal lengths are adjusted: as asked for, or where any is not known."""
         cameras = np.unique(self.images.camera[self.images.rows_of_all(self.train)])
         is_known = all(self.images.cameras[k].fx is not None for k in cameras)
         choice = self.params.refine_intrinsics
-        with self.progress(f"mapping ({self.params.mapper})", len(names)) as tick:
-            return run_in_child(
-                reconstruct, self.database, self.image_folder, names, self.sparse, self.params,
-                refines_intrinsics=choice == "yes" or (choice == "auto" and not is_known),
-                tick=tick,
-            )  # fmt: skip
+        return choice == "yes" or (choice == "auto" and not is_known)
 
     def require_all_recordings(self, mapped: list[str]) -> None:
         """Refuse a map without some training recording, unless a partial map is allowed."""
@@ -282,7 +320,7 @@ class _Run:
         def register(chosen: pairs.Pairs, title: str) -> list[RegisteredImage]:
             common = self.database, self.images, chosen
             with self.progress(f"matching {title}", len(chosen)) as tick:
-                run_in_child(match_pairs, *common, self.params, tick=tick)
+                run_in_child(match_pairs, *common, [self.images.by_vio], self.params, tick=tick)
                 run_in_child(prune_pairs, *common, helping, self.params.seed, tick=int)
             with self.progress(f"registering {title}", len(np.unique(chosen[:, 0]))) as tick:
                 return register_images(self.database, model, self.images, chosen, self.params, tick)

@@ -8,7 +8,6 @@ or fold the model.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +17,13 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.mapping.colmap import load_pycolmap, open_database
 from vioapr.mapping.drift import correct_drift
 from vioapr.mapping.features import image_ids
-from vioapr.mapping.inputs import MapImages
+from vioapr.mapping.inputs import Located, MapImages
 from vioapr.mapping.joining import MIN_AGREEING_PAIRS, can_be_joined, join_worlds
 from vioapr.mapping.pairs import Pairs
 from vioapr.mapping.two_view import PairGeometries, estimate_distances_m, misfits, read_geometries
 from vioapr.work.progress import Tick
 
 _UP = np.array([0.0, 1.0, 0.0])
-
-
-class Located(NamedTuple):
-    """Where the images are, as far as VIO and matches tell.
-
-    Attributes:
-        world_from_cam: Shape (n,), y up, NaN where there is no VIO.
-        world: Shape (n,); images of the same number are in the same world.
-    """
-
-    world_from_cam: Rigid3
-    world: NDArray[np.intp]
 
 
 def locate(images: MapImages, found: PairGeometries, seed: int) -> Located:
@@ -90,6 +77,11 @@ def prune_pairs(
     bad = (is_between & (count[kind.ravel()] >= MIN_AGREEING_PAIRS))[: len(checked.rows)]
     is_inside = located.world[checked.rows[:, 0]] == located.world[checked.rows[:, 1]]
     bad[is_inside] = misfits(path, images, checked.at(is_inside), located.world_from_cam, tick)
+    # Corrected poses are wrong where pairs are; what VIO itself confirms is right.
+    is_suspect = bad & (
+        images.tracking_world[checked.rows[:, 0]] == images.tracking_world[checked.rows[:, 1]]
+    )
+    bad[is_suspect] = misfits(path, images, checked.at(is_suspect), images.vio_from_cam, int)
     with open_database(path) as database:
         ids = image_ids(database)
         for first, second in checked.rows[bad]:

@@ -31,6 +31,7 @@ from vioapr.mapping.kept import (
 from vioapr.mapping.outliers import find_breaks, find_misplaced, with_bad_worlds
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import tilt_deg
+from vioapr.mapping.reconstruct import Models
 from vioapr.mapping.registration import RegisteredImage
 from vioapr.mapping.vio_interpolation import interpolate_by_vio
 from vioapr.scene.gt_origin import remove_gt_file, write_gt_file
@@ -56,15 +57,15 @@ class Results(NamedTuple):
     Attributes:
         featureless: Names of images in which no features were found, and why.
         matches: The matches of the training images.
-        models: Names of the images of every model, the largest first.
-        world: The world of the first.
+        models: What structure from motion made.
+        world: The world of the largest model.
         tests: The registered test images.
         world_folder: The first model, in the world.
     """
 
     featureless: dict[str, str]
     matches: MatchSummary
-    models: list[list[str]]
+    models: Models
     world: WorldSummary
     tests: list[RegisteredImage]
     world_folder: Path
@@ -293,12 +294,12 @@ def summarize_recording(
     )
 
 
-def summarize_model(model: Any, models: list[list[str]]) -> ModelSummary:
+def summarize_model(model: Any, models: Models) -> ModelSummary:
     """Say how large and how exact a model is.
 
     Args:
         model: COLMAP's reconstruction.
-        models: Names of the images of every model, its own first.
+        models: What structure from motion made, its own first.
     """
     return ModelSummary(
         images=int(model.num_reg_images()),
@@ -306,7 +307,9 @@ def summarize_model(model: Any, models: list[list[str]]) -> ModelSummary:
         mean_reprojection_error_px=float(model.compute_mean_reprojection_error()),
         mean_track_length=float(model.compute_mean_track_length()),
         observations_per_image=float(model.compute_mean_observations_per_reg_image()),
-        other_models=[len(names) for names in models[1:]],
+        other_models=[len(names) for names in models.names[1:]],
+        mapper=models.mapper,
+        vio_fault=models.vio_fault,
         cameras=[
             CameraSummary(model=camera.model.name, params=list(camera.params))
             for camera in model.cameras.values()

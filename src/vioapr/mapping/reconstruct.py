@@ -10,12 +10,27 @@ from vioapr.errors import MappingError, UnwritableError
 from vioapr.mapping.colmap import load_pycolmap, registered_images, translated_errors
 from vioapr.mapping.params import MappingParams
 from vioapr.plurals import count_of
+from vioapr.schemas.base import Record
 from vioapr.work.progress import Tick
 
 MIN_MODEL_IMAGES = 3
 MAX_MODELS = 10
 INIT_TRIALS = 50
 """Of starting pairs; COLMAP's 200 cost minutes where left-over images fit nowhere."""
+
+
+class Models(Record, frozen=True):
+    """What structure from motion made.
+
+    Attributes:
+        names: Names of the images of every model, the largest first; that one is kept.
+        mapper: Which mapper made it.
+        vio_fault: What spoke against the model from VIO, "" if none was made or it was taken.
+    """
+
+    names: list[list[str]]
+    mapper: str
+    vio_fault: str = ""
 
 
 def reconstruct(
@@ -48,7 +63,7 @@ def reconstruct(
         UnwritableError: The folder cannot be made.
     """
     pycolmap = load_pycolmap()
-    is_incremental = params.mapper == "incremental"
+    is_incremental = params.mapper != "global"
     if is_incremental:
         options = pycolmap.IncrementalPipelineOptions()
         options.max_num_models = MAX_MODELS

@@ -6,17 +6,35 @@ No trained network and no vocabulary to download: the few words are found in the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans
 
+from vioapr.mapping.colmap import open_database
+from vioapr.mapping.features import image_ids, read_descriptors
 from vioapr.work.progress import Tick, ignore
 
 WORDS = 64
 SAMPLE = 10_000
 CONVERGENCE = 1e-3
 """Words are found when the mean distance to them changes by less; descriptors have length 1."""
+
+
+def describe_features(
+    path: Path, names: Sequence[str], seed: int, tick: Tick
+) -> NDArray[np.float32]:
+    """Describe images by their features in a database; see `describe_images`.
+
+    Raises:
+        MappingError: It cannot be read.
+    """
+    with open_database(path) as database:
+        ids = image_ids(database)
+        return describe_images(
+            lambda name: read_descriptors(database, ids[name]), names, seed=seed, tick=tick
+        )
 
 
 def describe_images(

@@ -19,18 +19,12 @@ from vioapr.geometry.rigid import Rigid3, between
 from vioapr.mapping.colmap import load_pycolmap, open_database
 from vioapr.mapping.features import image_ids
 from vioapr.mapping.inputs import MapImages
-from vioapr.mapping.matching import MIN_INLIERS
 from vioapr.mapping.pairs import Pairs
+from vioapr.mapping.verification import MIN_INLIERS, MIN_TURN_DEG, View, fits, make_view
 from vioapr.work.progress import Tick
 
 NEIGHBOUR_S = 5.0
 """Images of one tracking world no further apart in time tell the distance of what they see."""
-
-MIN_TURN_DEG = 0.5
-"""Rays that turn by less tell no distance."""
-
-MAX_MISS_DEG = 0.75
-"""Two rays to one point miss each other by less, though poses are known to half a degree only."""
 
 
 class PairGeometries(NamedTuple):
@@ -99,8 +93,7 @@ class _Reader:
         self.database, self.images = database, images
         self.ids = image_ids(database)
         self.cameras = {camera.camera_id: camera for camera in database.read_all_cameras()}
-        self.pixels: dict[int, tuple[Any, NDArray[np.float64]]] = {}
-        self.rays: dict[int, NDArray[np.float64]] = {}
+        self.views: dict[int, View] = {}
 
     def read(self, first: int, second: int) -> tuple[Any, ...] | None:
         """Inliers, rotation, direction and turn of one pair."""
@@ -110,8 +103,9 @@ class _Reader:
         geometry = self.database.read_two_view_geometry(*both)
         if len(geometry.inlier_matches) < MIN_INLIERS:
             return None
+        one, other = (self._view(id_) for id_ in both)
         is_known = load_pycolmap().estimate_two_view_geometry_pose(
-            *self._camera_and_pixels(both[0]), *self._camera_and_pixels(both[1]), geometry
+            one.camera, one.pixels, other.camera, other.pixels, geometry
         )
         if not is_known or geometry.cam2_from_cam1 is None:
             return None
@@ -127,21 +121,13 @@ class _Reader:
         """Unit vectors to the matches, each in the axes of its camera, shape (k, 3) each."""
         both = self.ids[self.images.names[first]], self.ids[self.images.names[second]]
         matches = self.database.read_two_view_geometry(*both).inlier_matches
-        return self._rays(both[0])[matches[:, 0]], self._rays(both[1])[matches[:, 1]]
+        return self._view(both[0]).rays[matches[:, 0]], self._view(both[1]).rays[matches[:, 1]]
 
-    def _rays(self, id_: int) -> NDArray[np.float64]:
-        if id_ not in self.rays:
-            camera, pixels = self._camera_and_pixels(id_)
-            level = np.column_stack([camera.cam_from_img(pixels), np.ones(len(pixels))])
-            self.rays[id_] = level / np.linalg.norm(level, axis=1, keepdims=True)
-        return self.rays[id_]
-
-    def _camera_and_pixels(self, id_: int) -> tuple[Any, NDArray[np.float64]]:
-        if id_ not in self.pixels:
+    def _view(self, id_: int) -> View:
+        if id_ not in self.views:
             camera = self.cameras[self.database.read_image(id_).camera_id]
-            keypoints = np.array(self.database.read_keypoints(id_)[:, :2], dtype=np.float64)
-            self.pixels[id_] = camera, keypoints
-        return self.pixels[id_]
+            self.views[id_] = make_view(camera, self.database.read_keypoints(id_))
+        return self.views[id_]
 
 
 def misfits(
@@ -171,26 +157,6 @@ def misfits(
             rays = reader.read_rays(first, second)
             result[k] = fits(*rays, first_from_second).mean() < 0.5
     return result
-
-
-def fits(
-    first: NDArray[np.float64], second: NDArray[np.float64], first_from_second: Rigid3
-) -> NDArray[np.bool_]:
-    """Whether two rays each, in the axes of their cameras, meet, and before the cameras."""
-    second = quaternion.rotate(first_from_second.quat_xyzw, second)
-    way = first_from_second.translation_m
-    normal = np.cross(first, second)
-    sine = np.linalg.norm(normal, axis=1)
-    is_parallel = sine < np.sin(np.radians(MIN_TURN_DEG))
-    length = float(np.linalg.norm(way))
-    if length < 1e-9:
-        return is_parallel
-    # How far the second ray is from the plane of the way and the first ray.
-    plane = np.cross(way / length, first)
-    off = (second * plane).sum(axis=1) / np.maximum(np.linalg.norm(plane, axis=1), 1e-9)
-    is_before = (np.cross(way, second) * normal).sum(axis=1) > 0
-    is_before &= (np.cross(way, first) * normal).sum(axis=1) > 0
-    return (np.abs(off) < np.sin(np.radians(MAX_MISS_DEG))) & (is_before | is_parallel)
 
 
 def estimate_distances_m(images: MapImages, found: PairGeometries) -> NDArray[np.float64]:

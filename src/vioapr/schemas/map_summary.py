@@ -125,6 +125,8 @@ class ModelSummary(Record, frozen=True):
         observations_per_image: Mean over the registered images.
         other_models: Numbers of images of smaller models, which are left out.
         cameras: All cameras.
+        mapper: Which mapper made it: vio, incremental or global.
+        vio_fault: What spoke against a model from VIO where another was made; "" otherwise.
     """
 
     images: int
@@ -134,6 +136,8 @@ class ModelSummary(Record, frozen=True):
     observations_per_image: float
     other_models: list[int]
     cameras: list[CameraSummary]
+    mapper: str = ""
+    vio_fault: str = ""
 
 
 class RecordingSummary(Record, frozen=True):

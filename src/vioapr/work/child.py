@@ -36,6 +36,8 @@ T = TypeVar("T")
 _DEATH_SIGNAL = 1
 """Linux's PR_SET_PDEATHSIG."""
 
+_THREADS = "OPENBLAS_NUM_THREADS"
+
 _reports: Connection | None = None
 """In a child: where its ticks go."""
 
@@ -66,7 +68,7 @@ def run_in_child(
         log.touch()
         given = (childs_end, log, os.getpid())
         with ProcessPoolExecutor(1, context, _prepare, given) as pool:
-            with hidden_main_module():
+            with hidden_main_module(), _one_linear_algebra_thread():
                 future = pool.submit(_call, function, arguments, options)
             childs_end.close()  # then the child's copy is the last, and its end is seen here
             _count_ticks(reports, tick)
@@ -111,6 +113,21 @@ def hidden_main_module() -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = main
+
+
+@contextmanager
+def _one_linear_algebra_thread() -> Iterator[None]:
+    """NumPy keeps to one thread in processes that are started meanwhile.
+
+    They have threads of their own, and more of OpenBLAS's would wait for each other.
+    """
+    before = os.environ.get(_THREADS)
+    os.environ.setdefault(_THREADS, "1")
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_THREADS]
 
 
 def _prepare(reports: Connection, log: Path, parent_pid: int) -> None:
