@@ -23,7 +23,9 @@ def feed_of(row, image, walk, contract):
     has_image, is_ok, is_reset = events(row)
     pose = np.concatenate([*vio_pose(walk, row)]).astype(np.float32)
     flags = {"has_image": has_image, "tracking_ok": is_ok, "tracking_reset": is_reset}
-    feed = {"image": image, "vio_from_cam": pose, "timestamp_s": np.array([row / 2])}
+    time_s = np.array([row / 2])
+    feed = {"image": image, "vio_from_cam": pose, "timestamp_s": time_s}
+    feed |= {"image_timestamp_s": time_s, "image_vio_from_cam": pose}
     feed |= {name: np.array([flag]) for name, flag in flags.items()}
     if contract.params:
         feed["params"] = np.array([spec.default for spec in contract.params])
@@ -31,7 +33,8 @@ def feed_of(row, image, walk, contract):
 
 
 def eager(module, feed, state):
-    order = ("image", "has_image", "vio_from_cam", "timestamp_s", "tracking_ok", "tracking_reset")
+    order = ("image", "has_image", "vio_from_cam", "timestamp_s", "tracking_ok", "tracking_reset",
+             "image_timestamp_s", "image_vio_from_cam")  # fmt: skip
     tensors = [torch.from_numpy(feed[name]) for name in order]
     params = [torch.from_numpy(feed["params"])] if "params" in feed else []
     with torch.no_grad():
@@ -119,14 +122,15 @@ def test_the_contract_is_complete(name, model_of, exporter_of):
 
 
 @pytest.mark.parametrize("name", EXPORTED)
-def test_the_split_pair_equals_the_whole(name, model_of, exporter_of, tmp_path, walk):
+def test_the_split_set_equals_the_whole(name, model_of, exporter_of, tmp_path, walk):
     whole, contract = open_session(model_of(name))
     sessions = []
-    for part, exported in zip(("apr", "fusion"), exporter_of(name).export_split(), strict=True):
+    parts = ("apr", "fusion", "carry")
+    for part, exported in zip(parts, exporter_of(name).export_split(), strict=True):
         (tmp_path / f"{part}.onnx").write_bytes(exported.content)
         sessions.append(open_session(tmp_path / f"{part}.onnx"))
         assert sessions[-1][1].part == part
-    (apr, apr_contract), (fusion, fusion_contract) = sessions
+    (apr, apr_contract), (fusion, fusion_contract), (carry, carry_contract) = sessions
     state = np.zeros(contract.state_size, dtype=np.float32)
     for row, image in enumerate(images(12)):
         feed = feed_of(row, image, walk, contract) | {"state": state}
@@ -139,6 +143,11 @@ def test_the_split_pair_equals_the_whole(name, model_of, exporter_of, tmp_path, 
         found |= dict(zip(fusion_contract.output_names, fused, strict=True))
         for key in expected:
             np.testing.assert_allclose(found[key], expected[key], atol=1e-6, err_msg=key)
+        if not feed["has_image"][0]:
+            fed = {spec.name: feed[spec.name] for spec in carry_contract.inputs}
+            carried = dict(zip(carry_contract.output_names, carry.run(None, fed), strict=True))
+            for key in carried:
+                np.testing.assert_allclose(carried[key], expected[key], atol=1e-5, err_msg=key)
         state = expected["next_state"]
     with pytest.raises(Exception, match="export without --split"):
         OnnxLocalizer(tmp_path / "apr.onnx")

@@ -205,6 +205,13 @@ def test_the_quaternion_beside_the_position_is_taken(tmp_path):
     assert_is_walk(read_with_notes(write(tmp_path, header, columns)))
 
 
+def test_rows_that_are_shorter_than_the_header_are_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("timestamp_s,x,y,z,qx,qy,qz,qw,image\n1.5,0,0\n", encoding="utf-8")
+    with pytest.raises(FormatError, match="8 columns, as the header names, got 3"):
+        FORMATS["table"].read(path, ReadOptions())
+
+
 def test_images_instead_of_times(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("image,x,y,z,qw,qx,qy,qz\nb 2.png,1,2,3,1,0,0,0\na 1.png,4,5,6,1,0,0,0\n")

@@ -59,7 +59,8 @@ def read(path: Path, options: ReadOptions) -> Trajectory:
     is_timed = layout.time is not None
     leading = [i for i in (layout.time,) if i is not None]
     leading += [i for i in (layout.nanoseconds,) if i is not None]
-    image = next((i for i in layout.images if not is_number(head.rows[0][i])), None)
+    full = next((row for row in head.rows if len(row) >= len(head.names)), ())
+    image = next((i for i in layout.images if full and not is_number(full[i])), None)
     what = ",".join(head.names)
     texts = [i for i in (image, layout.tracking) if i is not None]
     columns = read_columns(path, head, text, [*leading, *layout.pose], what, texts)
