@@ -81,7 +81,8 @@ def test_int8_is_calibrated_on_the_scene_and_split(run, checkpoint, scene, tmp_p
     assert code == 0, err
     session, contract = open_session(tmp_path / "pair.apr.onnx")
     assert (contract.part, contract.precision) == ("apr", "int8-qdq")
-    assert open_session(tmp_path / "pair.fusion.onnx")[1].part == "fusion"
+    for part in ("fusion", "carry"):
+        assert open_session(tmp_path / f"pair.{part}.onnx")[1].part == part
     feed = {"image": next(images(1)), "has_image": np.ones(1, dtype=np.float32)}
     assert all(np.isfinite(output).all() for output in session.run(None, feed))
 

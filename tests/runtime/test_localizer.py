@@ -1,14 +1,17 @@
 """What the runtime refuses, and what it promises."""
 
+import json
+
 import numpy as np
 import pytest
-from tests.localizers import images, vio_pose
+from tests.localizers import images, pictures, vio_pose
 
 from vioapr.errors import ContractError, ParameterError
 from vioapr.fusion.types import Status
 from vioapr.geometry.rigid import Rigid3
 
 pytestmark = pytest.mark.slow
+onnx = pytest.importorskip("onnx", reason="onnx is not installed")
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
 from vioapr.runtime.localizer import OnnxLocalizer  # noqa: E402
@@ -135,3 +138,63 @@ def test_a_state_that_overflowed_does_not_live_on(model_of, walk, name):
     is_lost = located.status == Status.UNLOCALIZED
     assert np.isnan(np.concatenate([*located.world_from_cam])).any() == is_lost
     assert np.isfinite(localizer.state).all()
+
+
+def test_an_image_of_an_earlier_frame(model_of, walk):
+    late, in_time = (OnnxLocalizer(model_of("chain")) for _ in range(2))
+    shown = list(pictures(walk))
+    for row in range(14):
+        vio, earlier = vio_pose(walk, row), max(row - 2, 0)
+        given = {"image_timestamp_s": earlier / 2, "image_vio_from_cam": vio_pose(walk, earlier)}
+        found = late.update(row / 2, shown[earlier] if row >= 2 else None, vio, **given)
+        expected = in_time.update(row / 2, shown[row], vio)
+    assert found.status == expected.status == Status.OPTIMIZED
+    # The same predictions, but for the last two, carried on by VIO that drifts little.
+    gap_m = found.world_from_cam.translation_m - expected.world_from_cam.translation_m
+    assert np.linalg.norm(gap_m) < 0.5
+    assert found.display_from_vio is not None
+
+
+def test_time_and_pose_of_an_image_go_together(localizer):
+    with pytest.raises(ContractError, match="go together"):
+        localizer.update(0.0, IMAGE, POSE, image_timestamp_s=0.0)
+    not_unit = Rigid3(np.zeros(3), np.zeros(4))
+    with pytest.raises(ContractError, match="image_vio_from_cam: expected a unit quaternion"):
+        localizer.update(0.0, IMAGE, POSE, image_timestamp_s=0.0, image_vio_from_cam=not_unit)
+
+
+def as_version_1(path, out):
+    """The same file as the first version had it: without the inputs and outputs that came later."""
+    model = onnx.load(path)
+    entry = model.metadata_props[0]
+    contract = json.loads(entry.value)
+    for new, old in (
+        ("image_timestamp_s", "timestamp_s"),
+        ("image_vio_from_cam", "vio_from_cam"),
+    ):
+        for node in model.graph.node:
+            node.input[:] = [old if name == new else name for name in node.input]
+    for values, kind in ((model.graph.input, "inputs"), (model.graph.output, "outputs")):
+        kept = [one for one in values if not one.name.startswith(("image_", "display_"))]
+        del values[:]
+        values.extend(kept)
+        names = [one.name for one in kept]
+        contract[kind] = [spec for spec in contract[kind] if spec["name"] in names]
+    for key in ("localization_states", "easing"):
+        del contract[key]
+    entry.value = json.dumps(contract | {"version": 1})
+    onnx.save(model, out)
+
+
+def test_a_file_of_version_1_still_runs(model_of, walk, tmp_path):
+    as_version_1(model_of("chain"), tmp_path / "old.onnx")
+    old, new = OnnxLocalizer(tmp_path / "old.onnx"), OnnxLocalizer(model_of("chain"))
+    for row, image in zip(range(6), images(6)):
+        found, expected = (one.update(row, image, vio_pose(walk, row)) for one in (old, new))
+    assert found.status == expected.status
+    np.testing.assert_allclose(
+        found.world_from_cam.translation_m, expected.world_from_cam.translation_m, atol=1e-5
+    )
+    assert found.display_from_vio is None
+    with pytest.raises(ContractError, match="contract version 1, .* export it again"):
+        old.update(9.0, IMAGE, POSE, image_timestamp_s=8.0, image_vio_from_cam=vio_pose(walk, 6))

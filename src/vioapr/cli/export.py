@@ -39,11 +39,12 @@ def export(
 
     Args:
         checkpoint: What `vioapr train` wrote.
-        out: ONNX file to write; with --split, the pair <name>.apr.onnx and <name>.fusion.onnx.
+        out: ONNX file to write; with --split, <name>.apr.onnx, .fusion.onnx and .carry.onnx.
         method: How to fuse: chain or vio-apr (the paper's).
         precision: fp32; fp16w: half-precision weights, for half the size; int8w: weights of 8
             bits, for a quarter; int8-qdq: arithmetic of 8 bits too, faster, not for Unity.
-        split: Write regressor and fusion as two files, e.g. for a browser with WebGPU.
+        split: Write regressor, fusion, and fusion of frames without image as three files, e.g.
+            for a browser that runs the last at every frame.
         calibration: What `vioapr calibrate` found with this regressor, for method chain: the file
             carries it. A flag wins over what it says.
         quantize_by: For int8-qdq: a scene, of whose training images some are used.
@@ -60,7 +61,8 @@ def export(
     if calibration is not None:
         require_chain([method])
         known = read_calibration(calibration)
-    paths = [out.with_suffix(".apr.onnx"), out.with_suffix(".fusion.onnx")] if split else [out]
+    parts = ("apr", "fusion", "carry")
+    paths = [out.with_suffix(f".{part}.onnx") for part in parts] if split else [out]
     read = [checkpoint / REGRESSOR_FILE, checkpoint, calibration]
     check_outputs(paths, read, overwrite=overwrite)
     require_torch("vioapr export")
@@ -83,8 +85,8 @@ def export(
         made = exporter.export_split(precision, images)
     else:
         made = [exporter.export(precision, images)]
-    with ExitStack() as both:  # a pair is replaced when both are whole
+    with ExitStack() as files:  # they are replaced when all are whole
         for path, file in zip(paths, made, strict=True):
-            both.enter_context(replacing(path, overwrite=overwrite)).write_bytes(file.content)
+            files.enter_context(replacing(path, overwrite=overwrite)).write_bytes(file.content)
     for path, file in zip(paths, made, strict=True):
         say(f"{path}: {len(file.content) / 1e6:.2f} MB")

@@ -10,7 +10,8 @@ import msgspec
 import vioapr
 from vioapr.export.graph import MAX_RUN_PAIRS, FusionGraph
 from vioapr.export.preprocess import Preprocessor
-from vioapr.fusion.types import Status
+from vioapr.fusion.easing import EasingParams
+from vioapr.fusion.types import LocalizationState, Status
 from vioapr.schemas.contract import (
     Contract,
     ParamSpec,
@@ -30,10 +31,19 @@ _HAS_APR = TensorSpec("has_apr", "float32", _ONE, "flag: this frame has a regres
 
 _FRAME_INPUTS = (
     TensorSpec("vio_from_cam", "float32", _POSE, "the tracker's pose; any if tracking_ok is 0"),
-    TensorSpec("timestamp_s", "float32", _ONE, "of the image, later than the last frame's"),
+    TensorSpec("timestamp_s", "float32", _ONE, "of the frame, later than the last one's"),
     TensorSpec("tracking_ok", "float32", _ONE, "flag: the tracker knows its pose"),
     TensorSpec(
         "tracking_reset", "float32", _ONE, "flag: the tracker's world is a new one from here on"
+    ),
+)
+
+_PICTURE_INPUTS = (
+    TensorSpec(
+        "image_timestamp_s", "float32", _ONE, "when the image was taken; timestamp_s if now"
+    ),
+    TensorSpec(
+        "image_vio_from_cam", "float32", _POSE, "the tracker's pose then; vio_from_cam if now"
     ),
 )
 
@@ -52,6 +62,10 @@ _FUSED_OUTPUTS = {
         TensorSpec(
             "confirmed_run", "int32", _ONE, "n: this and the n - 1 predictions before it are right"
         ),
+        TensorSpec("display_from_vio", "float32", _POSE, "world_from_vio, without jumps"),
+        TensorSpec("display_left_m", "float32", _ONE, "how far content is from its place, m"),
+        TensorSpec("display_left_deg", "float32", _ONE, "by which angle it is turned, deg"),
+        TensorSpec("display_placed_anew", "int32", _ONE, "1: put in place without easing"),
         TensorSpec("sigma_position_m", "float32", _ONE, "per axis, m"),
         TensorSpec("sigma_orientation_deg", "float32", _ONE, "per axis, deg"),
         TensorSpec("sigma_position_axes_m", "float32", (3,), "along the world's axes, m"),
@@ -63,7 +77,7 @@ _FUSED_OUTPUTS = {
 
 
 def describe_apr(preprocess: Preprocessor, regressor: Regressor, precision: str) -> Contract:
-    """Describe the regressor alone, the first of a split pair."""
+    """Describe the regressor alone, the first of a split set."""
     return Contract(
         part="apr",
         inputs=_IMAGE_INPUTS,
@@ -79,7 +93,7 @@ def describe_apr(preprocess: Preprocessor, regressor: Regressor, precision: str)
 def describe_fusion(
     fusion: FusionGraph, output_names: tuple[str, ...], regressor: Regressor, precision: str
 ) -> Contract:
-    """Describe the fusion step alone, the second of a split pair.
+    """Describe the fusion step alone, the second of a split set.
 
     Args:
         fusion: The step.
@@ -89,7 +103,7 @@ def describe_fusion(
     """
     layout = fusion.layout
     state = TensorSpec("state", "float32", (layout.size,), "the last next_state, or zeros")
-    inputs = (*_APR_OUTPUTS, _HAS_APR, *_FRAME_INPUTS, state)
+    inputs = (*_APR_OUTPUTS, _HAS_APR, *_FRAME_INPUTS, *_PICTURE_INPUTS, state)
     if names := fusion.param_names:
         meaning = "numbers of the method: params"
         inputs += (TensorSpec("params", "float32", (len(names),), meaning),)
@@ -105,6 +119,8 @@ def describe_fusion(
         inputs=inputs,
         outputs=(*(_FUSED_OUTPUTS[name] for name in output_names[:-1]), next_state),
         statuses={str(int(status)): status.label for status in Status},
+        localization_states={str(int(one)): one.label for one in LocalizationState},
+        easing=asdict(EasingParams()),
         precision=precision,
         method=fusion.method.name,
         params=tuple(params),
@@ -120,14 +136,24 @@ def describe_fusion(
     )
 
 
+def describe_carry(fusion: Contract) -> Contract:
+    """Describe the step of frames without prediction, the third of a split set."""
+    left_out = {spec.name for spec in (*_APR_OUTPUTS, _HAS_APR, *_PICTURE_INPUTS)}
+    return msgspec.structs.replace(
+        fusion,
+        part="carry",
+        inputs=tuple(spec for spec in fusion.inputs if spec.name not in left_out),
+    )
+
+
 def describe_localizer(apr: Contract, fusion: Contract) -> Contract:
-    """Describe the whole of a pair: the regressor's outputs are no inputs any more."""
-    state_and_params = fusion.inputs[len(_APR_OUTPUTS) + 1 + len(_FRAME_INPUTS) :]
+    """Describe the whole: the regressor's outputs are no inputs any more."""
+    frame_and_state = fusion.inputs[len(_APR_OUTPUTS) + 1 :]
     *fused, next_state = fusion.outputs
     return msgspec.structs.replace(
         fusion,
         part="localizer",
-        inputs=(*apr.inputs, *_FRAME_INPUTS, *state_and_params),
+        inputs=(*apr.inputs, *frame_and_state),
         outputs=(*fused, *apr.outputs, next_state),
         image=apr.image,
     )

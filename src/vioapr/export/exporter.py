@@ -13,8 +13,13 @@ import torch
 from torch import Tensor, nn
 
 from vioapr.errors import ParameterError
-from vioapr.export.describe import describe_apr, describe_fusion, describe_localizer
-from vioapr.export.graph import AprPose, FusionGraph, LocalizerGraph, NetworkGraph
+from vioapr.export.describe import (
+    describe_apr,
+    describe_carry,
+    describe_fusion,
+    describe_localizer,
+)
+from vioapr.export.graph import AprPose, CarryGraph, FusionGraph, LocalizerGraph, NetworkGraph
 from vioapr.export.onnx_graph import finish, join, rename_input, trace
 from vioapr.export.preprocess import Preprocessor
 from vioapr.fusion.types import Method
@@ -108,8 +113,8 @@ class Exporter:
 
     def export_split(
         self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
-    ) -> tuple[ExportedFile, ExportedFile]:
-        """Export regressor and fusion as two files, to be run on different devices.
+    ) -> tuple[ExportedFile, ExportedFile, ExportedFile]:
+        """Export regressor, fusion, and fusion of frames without prediction, as three files.
 
         Args:
             precision: See `change_precision`.
@@ -117,13 +122,17 @@ class Exporter:
         """
         network = self._network(precision, calibration)
         apr, fusion = self._contracts(precision)
-        parts = {"preprocess": self._traced_preprocess, "network": network}
-        return (
-            ExportedFile(finish(join(parts, apr.output_names), apr), apr),
-            ExportedFile(
-                finish(join({"fusion": self._traced_fusion}, fusion.output_names), fusion), fusion
-            ),
+        carry = describe_carry(fusion)
+        made = (
+            (apr, {"preprocess": self._traced_preprocess, "network": network}),
+            (fusion, {"fusion": self._traced_fusion}),
+            (carry, {"carry": trace_carry(self.fusion, carry.output_names)}),
         )
+        first, second, third = (
+            ExportedFile(finish(join(parts, contract.output_names), contract), contract)
+            for contract, parts in made
+        )
+        return first, second, third
 
     def _contracts(self, precision: str) -> tuple[Contract, Contract]:
         regressor = Regressor(self.spec.model, self.spec.scenes)
@@ -173,6 +182,13 @@ def trace_fusion(fusion: FusionGraph) -> tuple[onnx.ModelProto, tuple[str, ...]]
     return trace(fusion, example_inputs(fusion), names), names
 
 
+def trace_carry(fusion: FusionGraph, names: tuple[str, ...]) -> onnx.ModelProto:
+    """The step of frames without prediction, as a graph of its own."""
+    left_out = (*AprPose._fields, "has_apr", "image_timestamp_s", "image_vio_from_cam")
+    inputs = {k: v for k, v in example_inputs(fusion).items() if k not in left_out}
+    return trace(CarryGraph(fusion).eval(), inputs, names)
+
+
 def example_inputs(fusion: FusionGraph) -> dict[str, Tensor]:
     """A frame for a fusion step."""
     identity = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -185,6 +201,8 @@ def example_inputs(fusion: FusionGraph) -> dict[str, Tensor]:
         "timestamp_s": torch.ones(1),
         "tracking_ok": torch.ones(1),
         "tracking_reset": torch.zeros(1),
+        "image_timestamp_s": torch.ones(1),
+        "image_vio_from_cam": identity.clone(),
         "state": torch.zeros(fusion.layout.size),
     }
     if fusion.param_names:

@@ -11,11 +11,15 @@ from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from vioapr.export.preprocess import Preprocessor
 from vioapr.export.state import StateLayout
+from vioapr.fusion import session
+from vioapr.fusion.easing import Eased
+from vioapr.fusion.session import Picture, Session
 from vioapr.fusion.types import Estimate, FrameInput, Method
 from vioapr.geometry.rigid import Rigid3
 
@@ -104,7 +108,10 @@ class FusionGraph(nn.Module):
         """
         super().__init__()
         self.method, self.params = method, params
-        self.layout = StateLayout(method, with_room(params), identity)
+        template = session.begin(
+            Session(method, with_room(params)), (1,), np.zeros((1,), dtype=np.float32)
+        )
+        self.layout = StateLayout(template, f"{method.name} {identity}")
         initial = torch.from_numpy(self.layout.initial)
         self.register_buffer("initial_state", initial, persistent=False)
 
@@ -123,6 +130,8 @@ class FusionGraph(nn.Module):
         timestamp_s: Tensor,
         tracking_ok: Tensor,
         tracking_reset: Tensor,
+        image_timestamp_s: Tensor,
+        image_vio_from_cam: Tensor,
         state: Tensor,
         params: Tensor | None = None,
     ) -> dict[str, Tensor]:
@@ -139,19 +148,46 @@ class FusionGraph(nn.Module):
             apr_sigma_position_m,
             apr_sigma_orientation_deg * (math.pi / 180),
         )
+        picture = Picture(image_timestamp_s, *_read_pose(image_vio_from_cam, torch.ones(1)))
+        running = Session(self.method, self._numbers(params))
+        after, estimate = session.step(running, self._unpack(state), frame, picture)
+        return self._name_outputs(after, estimate)
+
+    def carry(
+        self,
+        vio_from_cam: Tensor,
+        timestamp_s: Tensor,
+        tracking_ok: Tensor,
+        tracking_reset: Tensor,
+        state: Tensor,
+        params: Tensor | None = None,
+    ) -> dict[str, Tensor]:
+        """One frame without prediction."""
+        vio, is_tracked = _read_pose(vio_from_cam, tracking_ok)
+        nobody = torch.zeros(1) > 0
+        frame = FrameInput(
+            timestamp_s, vio, nobody, vio, is_tracked, tracking_reset > 0.5,
+            torch.ones(1), torch.ones(1),
+        )  # fmt: skip
+        running = Session(self.method, self._numbers(params))
+        return self._name_outputs(*session.carry(running, self._unpack(state), frame))
+
+    def _unpack(self, state: Tensor) -> Any:
         # A state of another graph counts as none.
         is_ours = state[:1] == self.initial_state[:1]
         state = torch.where(is_ours, state, self.initial_state)
         _, *pieces = state.split([1, *(leaf.size for leaf in self.layout.leaves)])
-        numbers: Any = self.params
-        if params is not None:
-            values = dict(zip(self.param_names, params.split(1), strict=True))
-            fixed = {field.name: getattr(self.params, field.name) for field in fields(self.params)}
-            numbers = SimpleNamespace(**(fixed | values))
-        after, estimate = self.method.step(numbers, self.layout.unpack(pieces), frame)
-        return self.name_outputs(after, estimate)
+        return self.layout.unpack(pieces)
 
-    def name_outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:
+    def _numbers(self, params: Tensor | None) -> Any:
+        """The method's parameters, those that are inputs as given."""
+        if params is None:
+            return self.params
+        values = dict(zip(self.param_names, params.split(1), strict=True))
+        fixed = {field.name: getattr(self.params, field.name) for field in fields(self.params)}
+        return SimpleNamespace(**(fixed | values))
+
+    def _name_outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:
         """The outputs, by name, of the state after a step and its estimate."""
         pose = _flat(estimate.world_from_cam)
         next_state = torch.cat([self.initial_state[:1], *self.layout.pack(after)])
@@ -166,6 +202,7 @@ class FusionGraph(nn.Module):
             "world_from_vio": _flat(estimate.world_from_vio),
             "status": status,
             "confirmed_run": estimate.confirmed_run,
+            **_name_eased(cast("Eased", estimate.eased)),
         }
         for name in SIGMAS:
             if (sigma := getattr(estimate, name)) is not None:
@@ -191,6 +228,8 @@ class LocalizerGraph(nn.Module):
         timestamp_s: Tensor,
         tracking_ok: Tensor,
         tracking_reset: Tensor,
+        image_timestamp_s: Tensor,
+        image_vio_from_cam: Tensor,
         state: Tensor,
         params: Tensor | None = None,
     ) -> dict[str, Tensor]:
@@ -203,10 +242,35 @@ class LocalizerGraph(nn.Module):
             timestamp_s,
             tracking_ok,
             tracking_reset,
+            image_timestamp_s,
+            image_vio_from_cam,
             state,
             params,
         )
         return fused | apr._asdict()
+
+
+class CarryGraph(nn.Module):
+    """One frame without prediction: the cheap part of a fusion step, on the same state."""
+
+    def __init__(self, fusion: FusionGraph) -> None:
+        """Wrap a fusion step."""
+        super().__init__()
+        self.fusion = fusion
+
+    def forward(
+        self,
+        vio_from_cam: Tensor,
+        timestamp_s: Tensor,
+        tracking_ok: Tensor,
+        tracking_reset: Tensor,
+        state: Tensor,
+        params: Tensor | None = None,
+    ) -> dict[str, Tensor]:
+        """One frame; see docs/reference/contract.md for the tensors."""
+        return self.fusion.carry(
+            vio_from_cam, timestamp_s, tracking_ok, tracking_reset, state, params
+        )
 
 
 def with_room(params: Any) -> Any:
@@ -224,6 +288,15 @@ def _read_pose(flat: Tensor, flag: Tensor) -> tuple[Rigid3, Tensor]:
     pose = torch.where(is_there, flat, identity)
     unit = pose[3:] / torch.where(is_there, norm, torch.ones_like(norm))
     return Rigid3(pose[:3][None], unit[None]), is_there
+
+
+def _name_eased(eased: Eased) -> dict[str, Tensor]:
+    return {
+        "display_from_vio": _flat(eased.display_from_vio),
+        "display_left_m": cast("Tensor", eased.left_m),
+        "display_left_deg": cast("Tensor", eased.left_deg),
+        "display_placed_anew": cast("Tensor", eased.is_placed_anew).to(torch.int32),
+    }
 
 
 def _is_below(limit: float, values: Tensor) -> Tensor:

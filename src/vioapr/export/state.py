@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from vioapr.fusion.types import Method
 from vioapr.geometry.arrays import Array, namespace
 from vioapr.geometry.tree import tree_leaves, tree_map, tree_paths
 
@@ -54,22 +53,21 @@ class StateLayout:
         initial: Shape (size,), the state before the first frame, spelled out.
     """
 
-    def __init__(self, method: Method, params: Any, identity: str) -> None:
+    def __init__(self, template: Any, identity: str) -> None:
         """Lay out a state.
 
         Args:
-            method: A batched one.
-            params: Of the method; those that fix sizes count.
-            identity: What else a state must not be mixed up between, e.g. the regressor.
+            template: The state before the first frame, of batch shape (1,), in NumPy.
+            identity: What a state must not be mixed up between: method and regressor.
         """
-        self._template = method.init(params, (1,), np.zeros((1,), dtype=np.float32))
+        self._template = template
         arrays = list(tree_leaves(self._template))
         self.leaves = tuple(
             Leaf(name, tuple(array.shape[1:]), array.dtype == np.bool_)
             for name, array in zip(tree_paths(self._template), arrays, strict=True)
         )
         self.size = 1 + sum(leaf.size for leaf in self.leaves)
-        words = f"{method.name} {self.leaves} {identity}"
+        words = f"{self.leaves} {identity}"
         self.tag = 1 + zlib.crc32(words.encode()) % 2**_TAG_BITS
         parts = [array.astype(np.float32).reshape(-1) for array in arrays]
         self.initial = np.concatenate([[np.float32(self.tag)], *parts]).astype(np.float32)

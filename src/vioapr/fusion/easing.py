@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from vioapr.errors import ParameterError
 from vioapr.geometry import quaternion
-from vioapr.geometry.arrays import Array, Mask, norm, select, zeros
+from vioapr.geometry.arrays import Array, Mask, namespace, norm, select, zeros
 from vioapr.geometry.rigid import Rigid3, choose
 
 _DEGREES = 180 / math.pi
@@ -94,7 +94,8 @@ def ease(
         vio_from_cam: The tracker's pose; finite, whatever it is while the tracker is lost.
         tracking_reset: Whether the tracker's world is a new one, shape (...).
     """
-    has_target = world_from_vio.is_known
+    # Not `is_known`: infinities do not come here, and ONNX's IsInf is not everywhere.
+    has_target = ~namespace(timestamp_s).isnan(world_from_vio.translation_m[..., 0])
     target = choose(has_target, world_from_vio, state.display_from_vio)
     was_known = state.is_known & ~tracking_reset
     is_placed_anew = has_target & ~was_known

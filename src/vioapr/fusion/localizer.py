@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from vioapr.errors import ParameterError
 from vioapr.formats.matrix_order import are_transposed, explain_last_row, explain_transposed
-from vioapr.fusion.easing import EasingParams, ease, no_easing
+from vioapr.fusion.easing import EasingParams
 from vioapr.fusion.late import RecentPoses
 from vioapr.fusion.methods import DEFAULT_METHOD, get_method
+from vioapr.fusion.session import Session, begin, step
 from vioapr.fusion.types import Estimate, FrameInput, LocalizationState, Status
 from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.tree import tree_leaves, tree_map
@@ -23,7 +24,7 @@ from vioapr.trajectory import UNIT_TOLERANCE
 
 _IDENTITY = Rigid3.identity()
 _LOG = logging.getLogger(__name__)
-_FORMAT, _VERSION = "vioapr localizer memory", 1
+_FORMAT, _VERSION = "vioapr localizer memory", 2
 
 
 class Localizer:
@@ -53,23 +54,22 @@ class Localizer:
         Raises:
             ParameterError: Unknown method, or parameters of another method.
         """
-        self._method = get_method(method)
-        self._params = self._method.params_type() if params is None else params
-        if not isinstance(self._params, self._method.params_type):
+        chosen = get_method(method)
+        params = chosen.params_type() if params is None else params
+        if not isinstance(params, chosen.params_type):
             raise ParameterError(
-                f"expected {self._method.params_type.__name__} for method {method!r}, "
+                f"expected {chosen.params_type.__name__} for method {method!r}, "
                 f"got {type(params).__name__}"
             )
-        self._easing = EasingParams() if easing is None else easing
+        self._session = Session(chosen, params, easing or EasingParams())
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, e.g. for another place."""
-        self._state = self._method.init(self._params, (), np.zeros(()))
+        self._state = begin(self._session, (), np.zeros(()))
         self._last_timestamp_s = -np.inf
         self._last_vio_from_cam: Rigid3 | None = None
         self._recent = RecentPoses()
-        self._eased_state = no_easing((), np.zeros(()))
 
     def update(
         self,
@@ -187,18 +187,9 @@ class Localizer:
             None if apr_sigma_m is None else np.asarray(float(apr_sigma_m)),
             None if apr_sigma_deg is None else np.asarray(np.deg2rad(float(apr_sigma_deg))),
         )
-        self._state, estimate = self._method.step(self._params, self._state, frame)
-        self._eased_state, eased = ease(
-            self._easing,
-            self._eased_state,
-            frame.timestamp_s,
-            estimate.world_from_vio,
-            self._eased_state.display_from_vio if vio is None else frame.vio_from_cam,
-            frame.tracking_reset,
-        )
+        self._state, estimate = step(self._session, self._state, frame)
         state = estimate.localization_state
         return estimate._replace(
-            eased=eased,
             status=Status(int(estimate.status)),
             confirmed_run=int(estimate.confirmed_run),
             localization_state=None if state is None else LocalizationState(int(state)),
@@ -216,12 +207,13 @@ class Localizer:
         """
         leaves = list(tree_leaves(self._state))
         if not all(isinstance(leaf, (np.ndarray, np.generic)) for leaf in leaves):
-            raise ParameterError(f"the memory of method {self._method.name!r} cannot be saved")
+            name = self._session.method.name
+            raise ParameterError(f"the memory of method {name!r} cannot be saved")
         head = {
             "format": _FORMAT,
             "version": _VERSION,
-            "method": self._method.name,
-            "params": repr(self._params),
+            "method": self._session.method.name,
+            "params": repr(self._session.params),
             "last_timestamp_s": self._last_timestamp_s,
         }
         file = BytesIO()
@@ -246,8 +238,8 @@ class Localizer:
         expected = {
             "format": _FORMAT,
             "version": _VERSION,
-            "method": self._method.name,
-            "params": repr(self._params),
+            "method": self._session.method.name,
+            "params": repr(self._session.params),
         }
         for name, value in expected.items():
             if head.get(name) != value:

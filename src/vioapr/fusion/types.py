@@ -111,7 +111,7 @@ class Estimate(NamedTuple):
         confidence: Shape (...), the probability that the pose is the right one of those that
             are possible, and its error therefore within what the sigmas say; 0 where there is
             no pose. None where the method has none.
-        eased: Where to show content that is not to jump; by `Localizer` only, else None.
+        eased: Where to show content that is not to jump; by `session.step` only, else None.
     """
 
     world_from_cam: Rigid3
@@ -138,6 +138,8 @@ class Method:
         init: From parameters, batch shape and an array that gives backend and dtype, the
             state before the first frame.
         step: From parameters, state and a frame, the next state and the estimate.
+        carry: The same for frames of which none has a prediction, for less work; None where
+            there is no shorter way.
         is_batched: Whether leading batch axes are allowed; if not, the batch shape is ().
         extra: The optional package group that it needs, if any.
         uses_apr_sigma: Whether it uses what a regressor states of its predictions' errors.
@@ -148,6 +150,7 @@ class Method:
     params_type: type
     init: Callable[[Any, tuple[int, ...], Array], Any]
     step: Callable[[Any, Any, FrameInput], tuple[Any, Estimate]]
+    carry: Callable[[Any, Any, FrameInput], tuple[Any, Estimate]] | None = None
     is_batched: bool = True
     extra: str | None = None
     uses_apr_sigma: bool = False

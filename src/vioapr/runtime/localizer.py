@@ -38,6 +38,8 @@ class Located(NamedTuple):
         apr_sigma_orientation_deg: The regressor's own, per axis; NaN for a frame without image.
         localization_state: What to tell people, or None where the method has none.
         confidence: Probability that the pose is the right one, or None.
+        display_from_vio: `world_from_vio` for content that is not to jump; None in files of
+            version 1.
     """
 
     status: Status
@@ -52,6 +54,7 @@ class Located(NamedTuple):
     apr_sigma_orientation_deg: float
     localization_state: LocalizationState | None = None
     confidence: float | None = None
+    display_from_vio: Rigid3 | None = None
 
     @classmethod
     def from_outputs(cls, outputs: dict[str, NDArray]) -> Located:
@@ -68,7 +71,7 @@ class Located(NamedTuple):
             )
         numbers = {name: float(values[0]) for name, values in outputs.items() if len(values) == 1}
         axes_m = outputs.get("sigma_position_axes_m")
-        state = numbers.get("localization_state")
+        state, display = numbers.get("localization_state"), outputs.get("display_from_vio")
         return cls(
             status,
             unflatten_pose(outputs["world_from_cam"]),
@@ -82,6 +85,7 @@ class Located(NamedTuple):
             numbers["apr_sigma_orientation_deg"],
             None if state is None else LocalizationState(int(state)),
             numbers.get("confidence"),
+            None if display is None else unflatten_pose(display),
         )
 
 
@@ -171,14 +175,18 @@ class OnnxLocalizer:
         vio_from_cam: Rigid3 | None,
         *,
         tracking_reset: bool = False,
+        image_timestamp_s: float | None = None,
+        image_vio_from_cam: Rigid3 | None = None,
     ) -> Located:
         """Take in a frame.
 
         Args:
-            timestamp_s: Of the image, s, on any clock, later than the last frame's.
+            timestamp_s: Of the frame, s, on any clock, later than the last one's.
             image: Shape (height, width, 3), uint8, RGB, or None for a frame without.
             vio_from_cam: The tracker's pose (y-up world, OpenCV camera), or None if it is lost.
             tracking_reset: Whether the tracker's world is a new one since this frame.
+            image_timestamp_s: When the image was taken, if that was earlier; None if now.
+            image_vio_from_cam: The tracker's pose then.
 
         Raises:
             ContractError: An input that the contract does not allow.
@@ -192,8 +200,14 @@ class OnnxLocalizer:
             require_image(image)
         if vio_from_cam is not None:
             require_pose(vio_from_cam)
+        if (image_timestamp_s is None) != (image_vio_from_cam is None):
+            raise ContractError("`image_timestamp_s` and `image_vio_from_cam` go together")
+        if image_vio_from_cam is not None:
+            require_pose(image_vio_from_cam, "image_vio_from_cam")
         if self._start_s is None:
             self._start_s = float(timestamp_s)
+        taken_s = timestamp_s if image_timestamp_s is None else image_timestamp_s
+        taken_at = vio_from_cam if image_vio_from_cam is None else image_vio_from_cam
         flags = {
             "has_image": image is not None,
             "tracking_ok": vio_from_cam is not None,
@@ -204,11 +218,19 @@ class OnnxLocalizer:
             "vio_from_cam": _NO_POSE if vio_from_cam is None else flatten_pose(vio_from_cam),
             # Single precision is too coarse for seconds since 1970.
             "timestamp_s": np.array([timestamp_s - self._start_s], dtype=np.float32),
+            "image_timestamp_s": np.array([taken_s - self._start_s], dtype=np.float32),
+            "image_vio_from_cam": _NO_POSE if taken_at is None else flatten_pose(taken_at),
             "state": self._state,
             **{name: np.array([flag], dtype=np.float32) for name, flag in flags.items()},
         }
         if self.params:
             feed["params"] = np.array([*self.params.values()], dtype=np.float32)
+        feed = {spec.name: feed[spec.name] for spec in self.contract.inputs}
+        if image_timestamp_s is not None and "image_timestamp_s" not in feed:
+            raise ContractError(
+                "image_timestamp_s: this file is of contract version 1, which takes no images of "
+                "earlier frames: export it again"
+            )
         names = self.contract.output_names
         outputs = dict(zip(names, self._session.run(names, feed), strict=True))
         self._state = outputs["next_state"]
@@ -230,7 +252,7 @@ def require_image(image: ArrayLike) -> None:
         )
 
 
-def require_pose(vio_from_cam: Rigid3) -> None:
+def require_pose(vio_from_cam: Rigid3, name: str = "vio_from_cam") -> None:
     """See that a tracker's pose is one that a localizer takes.
 
     Raises:
@@ -239,9 +261,9 @@ def require_pose(vio_from_cam: Rigid3) -> None:
     flat = np.concatenate([np.asarray(part, dtype=np.float64) for part in vio_from_cam], axis=-1)
     if flat.shape != (7,) or not np.isfinite(flat).all():
         raise ContractError(
-            "vio_from_cam: expected one pose of finite numbers (None where the tracker is lost), "
+            f"{name}: expected one pose of finite numbers (None where the tracker is lost), "
             f"got {flat.tolist()}"
         )
     length = float(np.linalg.norm(flat[3:]))
     if abs(length - 1) > UNIT_TOLERANCE:
-        raise ContractError(f"vio_from_cam: expected a unit quaternion, got one of norm {length:g}")
+        raise ContractError(f"{name}: expected a unit quaternion, got one of norm {length:g}")

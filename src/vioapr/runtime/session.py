@@ -62,7 +62,7 @@ def require_localizer(contract: Contract, path: Path) -> None:
     """See that a file is a whole localizer.
 
     Raises:
-        ContractError: It is one of a split pair.
+        ContractError: It is one of a split set.
     """
     if contract.part != "localizer":
         raise ContractError(

@@ -109,7 +109,10 @@ class Contract(Document, frozen=True, kw_only=True):
     Attributes:
         conventions: Frames, units and encodings, by keyword.
         statuses: Names of the numbers that the output `status` can have.
-        part: `localizer` (the whole), or `apr` or `fusion` of a split pair.
+        localization_states: Names of the numbers that `localization_state` can have.
+        easing: Limits of the corrections of `display_from_vio`: `least_m_s`, `least_deg_s`, and
+            `share_per_s` of what is left.
+        part: `localizer` (the whole), or `apr`, `fusion` or `carry` of a split set.
         inputs: In the file's order.
         outputs: In the file's order.
         precision: Of the regressor's weights: fp32, fp16w, int8w or int8-qdq.
@@ -125,10 +128,13 @@ class Contract(Document, frozen=True, kw_only=True):
     """
 
     FORMAT: ClassVar[str] = "vioapr localizer"
+    VERSION: ClassVar[int] = 2
 
     conventions: dict[str, str] = msgspec.field(default_factory=lambda: dict(CONVENTIONS))
     statuses: dict[str, str] = msgspec.field(default_factory=dict)
-    part: Literal["localizer", "apr", "fusion"]
+    localization_states: dict[str, str] = msgspec.field(default_factory=dict)
+    easing: dict[str, float] = msgspec.field(default_factory=dict)
+    part: Literal["localizer", "apr", "fusion", "carry"]
     inputs: tuple[TensorSpec, ...]
     outputs: tuple[TensorSpec, ...]
     precision: str = "fp32"

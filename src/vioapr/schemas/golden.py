@@ -29,6 +29,8 @@ class GoldenInputs(Record, frozen=True, kw_only=True):
         vio_from_cam: The tracker's pose, or null.
         tracking_ok: 1 if the tracker knows its pose, else 0.
         tracking_reset: 1 if the tracker's world is a new one since this frame, else 0.
+        image_timestamp_s: When the prediction's image was taken, s.
+        image_vio_from_cam: The tracker's pose then, or null.
     """
 
     timestamp_s: float
@@ -39,6 +41,8 @@ class GoldenInputs(Record, frozen=True, kw_only=True):
     vio_from_cam: FlatPose | None
     tracking_ok: Flag
     tracking_reset: Flag
+    image_timestamp_s: float
+    image_vio_from_cam: FlatPose | None
 
 
 class GoldenOutputs(Record, frozen=True, kw_only=True):
@@ -49,6 +53,10 @@ class GoldenOutputs(Record, frozen=True, kw_only=True):
         confirmed_run: n: this and the n - 1 predictions before it are right.
         world_from_cam: The fused pose.
         world_from_vio: The tracking world in the map.
+        display_from_vio: `world_from_vio` for content that is not to jump.
+        display_left_m: How far content is from its place, m.
+        display_left_deg: By which angle it is turned, deg.
+        display_placed_anew: 1 if it was put in place without easing, else 0.
         sigma_position_m: Per axis, m; missing where the method has none, as the next five.
         sigma_orientation_deg: Per axis, deg.
         sigma_position_axes_m: Along the world's axes, m.
@@ -61,6 +69,10 @@ class GoldenOutputs(Record, frozen=True, kw_only=True):
     confirmed_run: Annotated[int, Meta(ge=0)]
     world_from_cam: FlatPose
     world_from_vio: FlatPose
+    display_from_vio: FlatPose
+    display_left_m: One
+    display_left_deg: One
+    display_placed_anew: Flag
     sigma_position_m: One | UnsetType = UNSET
     sigma_orientation_deg: One | UnsetType = UNSET
     sigma_position_axes_m: Axes | UnsetType = UNSET
@@ -93,6 +105,7 @@ class GoldenVectors(Document, frozen=True, kw_only=True):
     """
 
     FORMAT: ClassVar[str] = "vioapr golden vectors"
+    VERSION: ClassVar[int] = 2
 
     method: str
     frames: tuple[GoldenFrame, ...]

@@ -131,6 +131,20 @@ def step(params: ChainParams, state: ChainState, frame: FrameInput) -> tuple[Cha
         is_used = has_apr & has_say
         if not holds_nowhere(is_used):
             state = _select_state(is_used, _weigh(params, state, arrival), state)
+    return state, _answer(params, state, is_used, vio_from_cam, frame)
+
+
+def carry(params: ChainParams, state: ChainState, frame: FrameInput) -> tuple[ChainState, Estimate]:
+    """One frame without prediction."""
+    vio_from_cam = z_up_column(frame.vio_from_cam)
+    state = _follow_tracker(state, frame, vio_from_cam)
+    return state, _answer(params, state, frame.has_apr, vio_from_cam, frame)
+
+
+def _answer(
+    params: ChainParams, state: ChainState, is_used: Mask, vio_from_cam: Array, frame: FrameInput
+) -> Estimate:
+    """What is known by now, as an estimate."""
     known = Knowledge(
         state.hypotheses,
         state.agreement,
@@ -140,7 +154,7 @@ def step(params: ChainParams, state: ChainState, frame: FrameInput) -> tuple[Cha
         state.moved_m,
         state.is_known,
     )
-    return state, answer(params, known, is_used, vio_from_cam, frame)
+    return answer(params, known, is_used, vio_from_cam, frame)
 
 
 def _select_state(condition: Mask, if_true: Tree, if_false: Tree) -> Tree:
@@ -334,5 +348,6 @@ METHOD = Method(
     params_type=ChainParams,
     init=init,
     step=step,
+    carry=carry,
     uses_apr_sigma=True,
 )
