@@ -40,7 +40,6 @@ EXTENT_M = 40.0
 BATCH = 8
 """Equal walks in the NumPy batch."""
 _SIZES = ((48, 64), (120, 160), (480, 640), (192, 256))
-_NAMES = ("has_image", "vio_from_cam", "timestamp_s", "tracking_ok", "tracking_reset", "state")
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ def run_eager(exporter: Exporter, walk: SimulatedWalk, events: dict[str, np.ndar
     """The same graph in PyTorch."""
     graph, params = exporter.eager, exporter.fusion.params
     values = [float(getattr(params, name)) for name in exporter.fusion.param_names]
-    extra = [torch.tensor(values)] if values else []
+    extra = torch.tensor(values) if values else None
     state = torch.zeros(exporter.fusion.layout.size)
     statuses, poses = [], []
     for row, image in enumerate(images(walk)):
@@ -135,8 +134,9 @@ def run_eager(exporter: Exporter, walk: SimulatedWalk, events: dict[str, np.ndar
             "timestamp_s": torch.tensor([seconds], dtype=torch.float32),
             "state": state,
         }
+        inputs |= {f"image_{name}": inputs[name] for name in ("timestamp_s", "vio_from_cam")}
         with torch.no_grad():
-            outputs = graph(torch.from_numpy(image), *(inputs[name] for name in _NAMES), *extra)
+            outputs = graph(image=torch.from_numpy(image), **inputs, params=extra)
         state = outputs["next_state"]
         statuses.append(int(outputs["status"][0]))
         poses.append(outputs["world_from_cam"].double().numpy())

@@ -196,7 +196,7 @@ def altered(model, path, change):
         ("empty", "truncated, damaged or something"),
         ("missing", "found none of this name"),
         ("foreign", "found an ONNX file without the metadata 'vioapr'"),
-        ("future", "contract: expected version 1, got 99"),
+        ("future", "contract: expected version 2, got 99"),
         ("garbled", "contract: expected JSON"),
         ("renamed", "expected the contract's inputs"),
     ],
@@ -224,7 +224,7 @@ def test_a_bad_model_is_one_line(fails, model, recording, tmp_path, damage, mess
     elif damage == "foreign":
         altered(model, path, lambda content: content.metadata_props.pop())
     elif damage == "future":
-        altered(model, path, set_contract(lambda t: t.replace('"version": 1', '"version": 99')))
+        altered(model, path, set_contract(lambda t: t.replace('"version": 2', '"version": 99')))
     elif damage == "garbled":
         altered(model, path, set_contract(lambda t: t[:50]))
     elif damage == "renamed":

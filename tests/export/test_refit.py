@@ -29,6 +29,7 @@ def run(content, frames=3):
             "timestamp_s": np.array([row / 2], np.float32),
             "state": state,
         }
+        feed |= {f"image_{name}": feed[name] for name in ("timestamp_s", "vio_from_cam")}
         for name, flag in (("has_image", 1), ("tracking_ok", 1), ("tracking_reset", 0)):
             feed[name] = np.array([flag], np.float32)
         if contract_of(content).params:

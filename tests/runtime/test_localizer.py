@@ -189,7 +189,7 @@ def as_version_1(path, out):
 def test_a_file_of_version_1_still_runs(model_of, walk, tmp_path):
     as_version_1(model_of("chain"), tmp_path / "old.onnx")
     old, new = OnnxLocalizer(tmp_path / "old.onnx"), OnnxLocalizer(model_of("chain"))
-    for row, image in zip(range(6), images(6)):
+    for row, image in enumerate(images(6)):
         found, expected = (one.update(row, image, vio_pose(walk, row)) for one in (old, new))
     assert found.status == expected.status
     np.testing.assert_allclose(

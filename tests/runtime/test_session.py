@@ -45,7 +45,7 @@ def test_files_that_are_no_model(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "error", "message"),
     [
-        ('"version": 1', '"version": 99', VersionError, "its contract: expected version 1, got 99"),
+        ('"version": 2', '"version": 99', VersionError, "its contract: expected version 2, got 99"),
         ('"part": "localizer"', '"part": 3', FormatError, "its contract: part: "),
         (
             '"name": "timestamp_s"',

@@ -126,7 +126,7 @@ class Exporter:
         made = (
             (apr, {"preprocess": self._traced_preprocess, "network": network}),
             (fusion, {"fusion": self._traced_fusion}),
-            (carry, {"carry": trace_carry(self.fusion, carry.output_names)}),
+            (carry, {"carry": self._traced_carry}),
         )
         first, second, third = (
             ExportedFile(finish(join(parts, contract.output_names), contract), contract)
@@ -169,6 +169,10 @@ class Exporter:
     @property
     def _traced_fusion(self) -> onnx.ModelProto:
         return self._fusion_and_names[0]
+
+    @cached_property
+    def _traced_carry(self) -> onnx.ModelProto:
+        return trace_carry(self.fusion, self._fused_names)
 
     @property
     def _fused_names(self) -> tuple[str, ...]:

@@ -88,7 +88,9 @@ def example_feed(contract: Contract, size: tuple[int, int]) -> Feed:
         for spec in contract.inputs
     }
     feed["image"] = pixels
-    feed["vio_from_cam"][6] = 1
+    for name in ("vio_from_cam", "image_vio_from_cam"):
+        if name in feed:  # the second since version 2
+            feed[name][6] = 1
     for name in ("has_image", "tracking_ok"):
         feed[name][0] = 1
     if contract.params:
