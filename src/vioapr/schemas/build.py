@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from vioapr.schemas.base import Document, Record
 from vioapr.schemas.calibration import LeftOut
-from vioapr.schemas.results import GroupRecord
+from vioapr.schemas.results import MethodReliabilityRecord, RowRecord, SummaryRecord
 
 
 class CheckedScene(Record, frozen=True, kw_only=True):
@@ -41,6 +41,24 @@ class MappedScene(Record, frozen=True, kw_only=True):
     points: int = 0
 
 
+class AccuracyRecord(Record, frozen=True, kw_only=True):
+    """Methods on the test recordings of one kind of tracker.
+
+    Attributes:
+        vio: The tracker's name.
+        walks: How many test recordings.
+        raw: The raw regressor on all its predictions.
+        rows: A row a method and subset of the frames.
+        reliability: A row a method.
+    """
+
+    vio: str
+    walks: int
+    raw: SummaryRecord
+    rows: tuple[RowRecord, ...]
+    reliability: tuple[MethodReliabilityRecord, ...]
+
+
 class SupportRecord(Record, frozen=True, kw_only=True):
     """Test frames with about as many training images from near in the same direction.
 
@@ -70,19 +88,21 @@ class BuiltLocalizer(Record, frozen=True, kw_only=True):
         model: The regressor's name.
         file: The exported localizer, in the build's folder.
         bytes: Its size.
-        groups: Tables of the test recordings; empty if there are none.
+        accuracy: Of the test recordings, one a kind of tracker; empty if there are none.
         support: Errors by the number of training images from near, most at the end.
         left_out: How the calibration does on walks left out; null from fewer than two walks.
         is_calibrated: Whether the file carries the calibration.
+        why_not: What kept tracker and regressor from being calibrated; "" if nothing did.
     """
 
     model: str
     file: str
     bytes: int
-    groups: tuple[GroupRecord, ...] = ()
+    accuracy: tuple[AccuracyRecord, ...] = ()
     support: tuple[SupportRecord, ...] = ()
     left_out: LeftOut | None = None
     is_calibrated: bool = False
+    why_not: str = ""
 
 
 class GapRecord(Record, frozen=True, kw_only=True):
@@ -132,6 +152,7 @@ class BuildSummary(Document, frozen=True, kw_only=True):
         localizers: The one to use first.
         coverage: Of the training images.
         advice: What to record next, a sentence each.
+        areas: Where in the place to record it, a sentence for each gap of the coverage.
         seconds: How long every step took, over all runs.
     """
 
@@ -145,4 +166,5 @@ class BuildSummary(Document, frozen=True, kw_only=True):
     localizers: tuple[BuiltLocalizer, ...]
     coverage: CoverageRecord
     advice: tuple[str, ...]
+    areas: tuple[str, ...]
     seconds: dict[str, float]
