@@ -41,5 +41,5 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 	touch $@
 
 $(VENV)/.installed-test: pyproject.toml Makefile | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable ".[pose-graph,mapping,render,video,runtime,viser]" --group test --group lint $(TORCH)
+	$(BIN)/python -m pip install --quiet --editable ".[pose-graph,mapping,render,video,runtime,viser,web]" --group test --group lint $(TORCH)
 	touch $@ $(VENV)/.installed

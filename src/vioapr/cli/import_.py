@@ -43,8 +43,8 @@ def import_(
 
     Args:
         format: stray, record3d, 3dscannerapp, polycam, ios-logger, nerfstudio (any
-            transforms.json), advio, marvin, 7scenes, cambridge, or images (a folder of images
-            with any trajectory file).
+            transforms.json), capture (of `vioapr serve`), advio, marvin, 7scenes, cambridge, or
+            images (a folder of images with any trajectory file).
         source: The file or folder to import; of images, also a pattern as 'walk/**/*.jpg'.
         out: The scene's folder, made if needed; recordings are added to what is there.
         split: train, test or none; by default the data set's own, else train.

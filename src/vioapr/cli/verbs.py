@@ -52,6 +52,7 @@ GROUPS: dict[str, dict[str, Verb]] = {
     "An app": {
         "export": Verb("export", "export", "Write regressor and fusion as one ONNX file"),
         "localize": Verb("localize", "localize_", "Localize a recorded walk with an exported file"),
+        "serve": Verb("serve", "serve_", "Take a phone's captures, give it localizers"),
         "overlay": Verb("overlay", "overlay", "Draw content of the map into a walk's pictures"),
         "bench": Verb("bench", "bench_", "Measure an exported file: latency, memory, energy"),
     },

@@ -119,14 +119,14 @@ def _moved_to(target: Path, overwrite: bool) -> Iterator[Path]:
         if overwrite:
             partial.replace(target)
         else:
-            _put_new(partial, target)
+            put_new(partial, target)
         sync(target.parent)
     finally:
         partial.unlink(missing_ok=True)
         os.close(held)
 
 
-def _put_new(partial: Path, target: Path) -> None:
+def put_new(partial: Path, target: Path) -> None:
     """Put a temporary file in its place, which no other process can take meanwhile.
 
     Raises:

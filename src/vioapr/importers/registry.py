@@ -15,6 +15,7 @@ from vioapr.files.atomic import restore_folder
 from vioapr.importers import (
     advio,
     cambridge,
+    capture,
     frame_files,
     images,
     ios_logger,
@@ -61,6 +62,7 @@ IMPORTERS: dict[str, Importer] = {
         ios_logger.IMPORTER,
         sevenscenes.IMPORTER,
         cambridge.IMPORTER,
+        capture.IMPORTER,
         images.IMPORTER,
     )
 }
@@ -81,6 +83,7 @@ _ALIASES = {
 
 # What is in a source's folder, the clearest marks first.
 _MARKS: tuple[tuple[str, str], ...] = (
+    ("capture", "capture.json"),
     ("stray", "odometry.csv"),
     ("ios-logger", "ARposes.txt"),
     ("record3d", "metadata"),
