@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from msgspec import structs
-
-from vioapr.errors import AlreadyExistsError, FormatError, LockedError, ParameterError
-from vioapr.evaluation.view_coverage import Views, measure_coverage
 from vioapr.recipes.build.advice import advise, describe_gap
 from vioapr.recipes.build.inputs import fingerprint_scene, needs_map
 from vioapr.recipes.build.params import BuildParams
 from vioapr.recipes.build.pipeline import STEPS, build
+
+from vioapr.errors import AlreadyExistsError, FormatError, LockedError, ParameterError
+from vioapr.evaluation.view_coverage import Views, measure_coverage
 from vioapr.report.build_report import describe_result, write_build_report
 from vioapr.runtime.localizer import OnnxLocalizer
 from vioapr.scene.frames import Intrinsics, Tracking
