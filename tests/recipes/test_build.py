@@ -10,13 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from msgspec import structs
-from vioapr.recipes.build.advice import advise, describe_gap
-from vioapr.recipes.build.inputs import fingerprint_scene, needs_map
-from vioapr.recipes.build.params import BuildParams
-from vioapr.recipes.build.pipeline import STEPS, build
 
 from vioapr.errors import AlreadyExistsError, FormatError, LockedError, ParameterError
 from vioapr.evaluation.view_coverage import Views, measure_coverage
+from vioapr.recipes.build.advice import advise, describe_gap
+from vioapr.recipes.build.inputs import fingerprint_scene, needs_map
+from vioapr.recipes.build.localizer import badness
+from vioapr.recipes.build.params import BuildParams
+from vioapr.recipes.build.pipeline import build
+from vioapr.recipes.build.running import STEPS
 from vioapr.report.build_report import describe_result, write_build_report
 from vioapr.runtime.localizer import OnnxLocalizer
 from vioapr.scene.frames import Intrinsics, Tracking
@@ -24,6 +26,7 @@ from vioapr.scene.scene import Scene
 from vioapr.scene.writer import RecordingWriter
 from vioapr.schemas.base import decode
 from vioapr.schemas.build import (
+    AccuracyRecord,
     BuildSummary,
     BuiltLocalizer,
     CheckedScene,
@@ -33,6 +36,7 @@ from vioapr.schemas.build import (
 )
 from vioapr.schemas.calibration import Coverage, LeftOut, Ratios
 from vioapr.schemas.recording import RecordingInfo
+from vioapr.schemas.results import RowRecord, SummaryRecord
 from vioapr.trajectory import Trajectory
 from vioapr.work.locks import locked_folder
 from vioapr.work.progress import silent
@@ -47,6 +51,11 @@ LEFT_OUT = LeftOut(
 PLAIN = BuiltLocalizer(
     model="mobile", file="localizer.onnx", bytes=1_500_000, why_not="it takes two test walks"
 )
+
+
+def titled(step):
+    """A step with the name of the localizer that it is of."""
+    return step if step in ("check", "map") else f"{step} mobile"
 
 
 def quiet(text):
@@ -198,6 +207,30 @@ def test_a_scene_with_faults_is_not_built(scene):
         build(scene.folder, SMALLEST, silent, quiet)
 
 
+def measured(median_m, share):
+    """A localizer of which one row is known."""
+    summary = SummaryRecord(
+        median_m=median_m, median_deg=1.0, p95_m=1.0, p95_deg=1.0, high=0.0, medium=0.0, low=0.0,
+        share=share,
+    )  # fmt: skip
+    row = RowRecord(method="chain", subset="all frames", walks=1, fused=summary, raw=summary)
+    table = AccuracyRecord(vio="arkit", walks=1, raw=summary, rows=(row,), reliability=())
+    return structs.replace(PLAIN, accuracy=(table,))
+
+
+def test_a_localizer_that_answers_seldom_is_worse_and_one_that_is_not_known_worst():
+    few, many = measured(0.4, 0.4), measured(0.5, 0.9)
+    assert badness(many) < badness(few) < badness(measured(None, 0.0)) == badness(PLAIN)
+
+
+def test_the_same_regressor_is_not_refined_with():
+    assert BuildParams(model="mobile", refine=True, refine_model="posenet").models == [
+        "mobile", "posenet",
+    ]  # fmt: skip
+    with pytest.raises(ParameterError, match="`refine_model`: expected another than the first"):
+        BuildParams(model="mobile", refine=True, refine_model="mobile")
+
+
 @pytest.mark.parametrize("values", [{"epochs": 0}, {"seed": -1}])
 def test_values_that_mean_nothing_are_refused(values):
     with pytest.raises(ParameterError, match=f"`{next(iter(values))}`: expected at least"):
@@ -219,7 +252,7 @@ def built(courtyard, tmp_path_factory):
 def test_a_build_leaves_a_localizer_and_says_how_good_it_is(built):
     folder, summary, lines = built
     assert [line.partition(":")[0] for line in lines[::2]] == [
-        f"{k} of 7, {name}" for k, name in enumerate(STEPS, 1)
+        f"{k} of 7, {titled(name)}" for k, name in enumerate(STEPS, 1)
     ]
     localizer = OnnxLocalizer(folder / "build" / "localizer.onnx", threads=1)
     assert localizer.contract.method == "chain"
@@ -234,8 +267,8 @@ def test_a_build_leaves_a_localizer_and_says_how_good_it_is(built):
     assert made.left_out is None
     assert "at least 4 m" in made.why_not  # the walks take four seconds
     page = (folder / "build" / "index.html").read_text()
-    assert "evaluation/index.html" in page
-    assert (folder / "build" / "evaluation" / "index.html").exists()
+    assert "evaluation/mobile/index.html" in page
+    assert (folder / "build" / "evaluation" / "mobile" / "index.html").exists()
 
 
 @pytest.mark.slow
@@ -245,7 +278,7 @@ def test_what_is_done_is_kept_until_its_inputs_change(built, tmp_path):
     shutil.copytree(folder, copy)
     lines: list[str] = []
     again = build(copy, SMALLEST, silent, lines.append)
-    assert lines == [f"{k} of 7, {name}: kept" for k, name in enumerate(STEPS, 1)]
+    assert lines == [f"{k} of 7, {titled(name)}: kept" for k, name in enumerate(STEPS, 1)]
     assert again == summary
     scene = Scene.open(copy)
     (train,) = scene.splits["train"]
@@ -255,7 +288,7 @@ def test_what_is_done_is_kept_until_its_inputs_change(built, tmp_path):
     replace(scene, splits={"train": (train,), "test": ()}).save()
     lines.clear()
     untested = build(copy, SMALLEST, silent, lines.append)
-    assert lines[::2] == [f"{k} of 7, {name}: begins" for k, name in enumerate(STEPS, 1)]
+    assert lines[::2] == [f"{k} of 7, {titled(name)}: begins" for k, name in enumerate(STEPS, 1)]
     assert untested.localizers[0].accuracy == ()
     assert any("--split test" in sentence for sentence in untested.advice)
 
@@ -273,7 +306,7 @@ def test_a_build_that_is_killed_goes_on_and_comes_out_the_same(built, tmp_path):
         ) as process:
             assert process.stderr is not None
             for line in process.stderr:
-                if re.search(rf", {step}: (begins|goes on)", line):
+                if re.search(rf", {step} mobile: (begins|goes on)", line):
                     process.kill()
                     break
             else:
@@ -281,8 +314,8 @@ def test_a_build_that_is_killed_goes_on_and_comes_out_the_same(built, tmp_path):
         assert not (folder / "build" / "build.json").exists()
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr
-    assert "3 of 7, fit: kept" in done.stderr
-    assert "7 of 7, export: goes on" in done.stderr
+    assert "3 of 7, fit mobile: kept" in done.stderr
+    assert "7 of 7, export mobile: goes on" in done.stderr
     resumed = decode("", (folder / "build" / "build.json").read_bytes(), BuildSummary)
     assert structs.replace(resumed, seconds={}) == structs.replace(summary, seconds={})
     files = (one / "build" / "localizer.onnx" for one in (reference, folder))

@@ -14,7 +14,7 @@ from vioapr.recipes.build.params import BuildParams
 
 def build(
     scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")],
-    params: tyro.conf.OmitArgPrefixes[BuildParams] = BuildParams(),  # noqa: B008
+    params: tyro.conf.OmitArgPrefixes[tyro.conf.FlagCreatePairsOff[BuildParams]] = BuildParams(),  # noqa: B008
 ) -> None:
     """Build a localizer of a scene: check, map, fit, predict, calibrate, evaluate, export.
 

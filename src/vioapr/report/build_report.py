@@ -34,7 +34,7 @@ from vioapr.schemas.build import (
 from vioapr.schemas.calibration import Coverage as SigmaCoverage
 from vioapr.schemas.results import RowRecord, SummaryRecord
 
-PAGE_FILE = "index.html"
+PAGE_FILE, EVALUATION_FOLDER = "index.html", "evaluation"
 _CHAIN = "chain"
 _CAPTION = (
     "The ground that somebody walked on, from above: the darker, the more directions were "
@@ -53,7 +53,8 @@ class BuildPage(Page):
         areas: Where in the place, a sentence each, as numbered on the plan.
         plan: Coverage from above.
         coverage: Coverage in figures: names and texts.
-        accuracy: By tracker, a row a method over all frames with a pose.
+        localizers: A row a localizer; None where there is one.
+        accuracy: Of the best, by tracker, a row a method over all frames with a pose.
         support: Errors by how many training images were near; None without test recordings.
         honesty: Whether stated uncertainties hold: names and texts.
         links: Pages with more: their paths and names.
@@ -67,6 +68,7 @@ class BuildPage(Page):
     areas: Sequence[str]
     plan: Figure
     coverage: Sequence[tuple[str, str]]
+    localizers: Table | None
     accuracy: Sequence[tuple[str, Table]]
     support: Table | None
     honesty: Sequence[tuple[str, str]]
@@ -107,8 +109,10 @@ def write_build_report(
     png, svg = save_figure(drawn, folder / "figures" / "coverage")
     localizer = summary.localizers[0]
     links = [("../map/report/index.html", "the map")] if summary.mapped.is_mapped else []
-    if localizer.accuracy:
-        links.append(("evaluation/index.html", "every test walk, with figures"))
+    for one in summary.localizers:
+        if one.accuracy:
+            path = f"{EVALUATION_FOLDER}/{one.model.replace(':', '-')}/index.html"
+            links.append((path, f"every test walk by {one.model}"))
     page = BuildPage(
         title=f"{summary.scene}: localizer",
         contents=[
@@ -125,6 +129,7 @@ def write_build_report(
         areas=summary.areas,
         plan=embed_figure(png, svg, "coverage", _CAPTION),
         coverage=list_coverage(summary.coverage),
+        localizers=make_localizers_table(summary.localizers) if summary.localizers[1:] else None,
         accuracy=[(one.vio, make_accuracy_table(one)) for one in localizer.accuracy],
         support=make_support_table(localizer.support) if localizer.support else None,
         honesty=list_honesty(localizer),
@@ -170,7 +175,7 @@ def list_facts(summary: BuildSummary) -> list[tuple[str, str]]:
     else:
         facts.append(("Ground truth", "came with the scene; nothing was mapped"))
     facts.append(("Regressor", localizer.model))
-    facts.append(("File", f"{localizer.file}, {localizer.bytes / 1e6:.1f} MB, method {_CHAIN}"))
+    facts.append(("File", f"localizer.onnx, {localizer.bytes / 1e6:.1f} MB, method {_CHAIN}"))
     facts.append(("Time", f"{sum(summary.seconds.values()) / 60:.1f} minutes"))
     facts += [("Note", note) for note in checked.notes]
     return facts
@@ -215,6 +220,20 @@ def list_honesty(localizer: BuiltLocalizer) -> list[tuple[str, str]]:
         )
     )
     return facts
+
+
+def make_localizers_table(localizers: Sequence[BuiltLocalizer]) -> Table:
+    """Make a row a localizer and tracker, the best localizer first."""
+    rows: list[list[str | Cell]] = []
+    for number, one in enumerate(localizers):
+        for accuracy in one.accuracy:
+            (row,) = (row for row in _whole_rows(accuracy) if row.method == _CHAIN)
+            fused, raw = _summary_of(row.fused), _summary_of(accuracy.raw)
+            texts = [format_share(fused), format_median(fused), format_p95(fused)]
+            name = Cell(((one.model, number == 0),))
+            rows.append([name, f"{one.bytes / 1e6:.1f}", format_median(raw), *texts])
+    names = ("regressor", "MB", "raw median, m / °", "share", "chain, m / °", "95th percentile")
+    return Table([[Heading(name) for name in names]], rows, text_columns=1)
 
 
 def make_accuracy_table(accuracy: AccuracyRecord) -> Table:

@@ -149,11 +149,11 @@ class BuildSummary(Document, frozen=True, kw_only=True):
         vioapr: The version that built it.
         checked: What checking found.
         mapped: Where poses come from.
-        localizers: The one to use first.
+        localizers: The best first, which is in `localizer.onnx`.
         coverage: Of the training images.
         advice: What to record next, a sentence each.
         areas: Where in the place to record it, a sentence for each gap of the coverage.
-        seconds: How long every step took, over all runs.
+        seconds: How long every step took, over all its runs, by its name and its localizer's.
     """
 
     FORMAT: ClassVar[str] = "vioapr build"
