@@ -33,7 +33,7 @@ def private_addresses():
 def test_no_address_answers_without_the_token(client, served, given):
     headers = {} if given is None else {"authorization": given}
     addresses = private_addresses()(served)
-    assert len(addresses) > 20
+    assert len(addresses) > 25
     for method, path in addresses:
         path = path.replace("{name:path}", "x").replace("{id}", "court")
         path = path.replace("{recording}", "noon")

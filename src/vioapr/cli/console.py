@@ -24,6 +24,7 @@ from rich.text import Text
 
 from vioapr.cli.progress_lines import ProgressLines
 from vioapr.errors import SuspectTrackError
+from vioapr.work.noted_progress import noted_progress
 from vioapr.work.processes import is_first_process
 from vioapr.work.progress import Advance
 
@@ -167,6 +168,7 @@ def progress(title: str, total: int) -> Iterator[Advance]:
     """Show on standard error how far work has come, and when it will end.
 
     A terminal gets a bar; a file or a pipe gets a line after ten seconds, and then now and then.
+    The file that `VIOAPR_PROGRESS_FILE` names, if it does, says the same as JSON.
 
     Args:
         title: Of the work.
@@ -175,6 +177,18 @@ def progress(title: str, total: int) -> Iterator[Advance]:
     Yields:
         A function to call at every step, or, with their number, after several.
     """
+    with _shown(title, total) as advance, noted_progress(title, total) as note:
+
+        def count(steps: int = 1, /) -> None:
+            advance(steps)
+            note(steps)
+
+        yield count
+
+
+@contextmanager
+def _shown(title: str, total: int) -> Iterator[Advance]:
+    """Show people how far work has come; see `progress`."""
     if not is_watched():
         with ProgressLines(title, total, log) as lines:
             yield lines.advance

@@ -44,8 +44,9 @@ def import_(
     Args:
         format: stray, record3d, 3dscannerapp, polycam, ios-logger, nerfstudio (any
             transforms.json), capture (of `vioapr serve`), advio, marvin, 7scenes, cambridge, or
-            images (a folder of images with any trajectory file).
-        source: The file or folder to import; of images, also a pattern as 'walk/**/*.jpg'.
+            images (a folder of images with any trajectory file); auto: see by the source.
+        source: The file or folder to import, or a zip of it; of images, also a pattern as
+            'walk/**/*.jpg'.
         out: The scene's folder, made if needed; recordings are added to what is there.
         split: train, test or none; by default the data set's own, else train.
         id: Of the recording, for sources with a single one; by default the source's name.
@@ -90,7 +91,7 @@ def import_(
         strict,
         vio_from_cam,
     )
-    importer = get_importer(format)
+    importer = None if format == "auto" else get_importer(format)
     flags = flag_names(import_)
     count = 0
     for imported in import_source(

@@ -25,6 +25,7 @@ from vioapr.importers import (
     sevenscenes,
     stray,
 )
+from vioapr.importers.archives import opened_source
 from vioapr.importers.base import (
     Finding,
     ImportedScene,
@@ -35,7 +36,7 @@ from vioapr.importers.base import (
     is_pattern,
 )
 from vioapr.importers.diagnostics import diagnose
-from vioapr.importers.source_content import digest_walk
+from vioapr.importers.source_content import digest_files, digest_walk
 from vioapr.importers.write import (
     WriteSettings,
     check_target,
@@ -146,8 +147,26 @@ def find_importer(folder: Path) -> Importer | None:
     return None
 
 
+def detect_importer(source: Path) -> Importer:
+    """The importer that a file or folder is for, by its name or by the files in it.
+
+    Raises:
+        ParameterError: None of them is known.
+    """
+    by_name = {".r3d": "record3d", ".json": "nerfstudio"}
+    if source.is_file() and source.suffix.lower() in by_name:
+        return IMPORTERS[by_name[source.suffix.lower()]]
+    importer = find_importer(source) if source.is_dir() else None
+    if importer is None:
+        raise ParameterError(
+            f"{source}: expected what an app or data set writes, found nothing that is known: give "
+            f"its `format`, one of {', '.join(IMPORTERS)}"
+        )
+    return importer
+
+
 def import_source(
-    importer: Importer,
+    importer: Importer | None,
     source: Path,
     out: Path,
     options: ImportOptions,
@@ -164,8 +183,8 @@ def import_source(
     source has changed since is kept too, with a warning.
 
     Args:
-        importer: Of the source's kind.
-        source: What to import.
+        importer: Of the source's kind; None to see which by the source.
+        source: What to import; a zip, or the pieces of a file, are unpacked meanwhile.
         out: The scene, made if needed.
         options: What the user says of the source.
         place: For a new scene, where the source does not say.
@@ -178,20 +197,35 @@ def import_source(
         LockedError: Another process imports into the scene.
         VioAprError: The source is not what it should be, or cannot be written.
     """
+    takes_patterns = importer is not None and importer.takes_patterns
+    if not source.exists() and not (takes_patterns and is_pattern(source)):
+        layout = "a source" if importer is None else importer.layout
+        raise ParameterError(f"{source}: expected {layout}, found nothing of this name")
+    with opened_source(source, out, progress) as opened:
+        importer = importer or detect_importer(opened.path)
+        _check_uses(importer, options)
+        made_from = fingerprint(importer.name, str(source.resolve()), repr(options))
+        noted = ImportedFrom(importer=importer.name, made_from=made_from)
+        settings = WriteSettings(
+            link, options.focal_px, options.strict, options.max_megapixels, noted, overwrite
+        )
+        if opened.packed:
+            settings = replace(settings, content=digest_files(opened.packed))
+        scenes = importer.read(opened.path, options)
+        for imported in scenes:
+            folder = out / imported.name if len(scenes) > 1 else out
+            yield from _import_scene(imported, folder, settings, place, progress)
+
+
+def _check_uses(importer: Importer, options: ImportOptions) -> None:
+    """See that an importer heeds the options that the user gave.
+
+    Raises:
+        ParameterError: It does not.
+    """
     for name in _SOME_USE:
         if getattr(options, name) not in (None, False) and name not in importer.uses:
             raise ParameterError(f"`{name}` has no meaning for {importer.name}")
-    if not source.exists() and not (importer.takes_patterns and is_pattern(source)):
-        raise ParameterError(f"{source}: expected {importer.layout}, found nothing of this name")
-    made_from = fingerprint(importer.name, str(source.resolve()), repr(options))
-    noted = ImportedFrom(importer=importer.name, made_from=made_from)
-    settings = WriteSettings(
-        link, options.focal_px, options.strict, options.max_megapixels, noted, overwrite
-    )
-    scenes = importer.read(source, options)
-    for imported in scenes:
-        folder = out / imported.name if len(scenes) > 1 else out
-        yield from _import_scene(imported, folder, settings, place, progress)
 
 
 def _import_scene(
@@ -236,7 +270,7 @@ def _with_content(settings: WriteSettings, walk: Walk) -> WriteSettings:
     noted = settings.imported_from
     if noted is None:
         return settings
-    noted = msgspec.structs.replace(noted, content=digest_walk(walk))
+    noted = msgspec.structs.replace(noted, content=settings.content or digest_walk(walk))
     return replace(settings, imported_from=noted)
 
 

@@ -37,6 +37,11 @@ def digest_walk(walk: Walk) -> str:
     return digest.hexdigest()
 
 
+def digest_files(paths: Iterable[Path]) -> str:
+    """The SHA-256 of what an archive's files look like: name, size and time of change."""
+    return hashlib.sha256("\n".join(map(_describe_file, paths)).encode()).hexdigest()
+
+
 def _numbers_of(walk: Walk) -> Iterator[object]:
     yield from (walk.timestamp_s, walk.tracking, *walk.vio_from_cam, *walk.intrinsics)
     if walk.gt is not None:

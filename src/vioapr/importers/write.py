@@ -65,6 +65,7 @@ class WriteSettings:
         max_megapixels: The largest image to take.
         imported_from: Is noted with the recording, so that the same import can be run again.
         overwrite: Replace a recording that an import wrote.
+        content: Digest of the archive that the walks come out of; "" where there is none.
     """
 
     link: bool = False
@@ -73,6 +74,7 @@ class WriteSettings:
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS
     imported_from: ImportedFrom | None = None
     overwrite: bool = False
+    content: str = ""
 
 
 def check_target(folder: Path, imported: ImportedScene, place: Place | None) -> Place | None:

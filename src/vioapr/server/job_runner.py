@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
@@ -18,24 +19,25 @@ import msgspec
 from vioapr.files.text import read_text, write_text
 from vioapr.schemas.base import decode, encode
 from vioapr.schemas.jobs import JobDocument, JobState
+from vioapr.work.noted_progress import VARIABLE
 
 JOB_FILE, LOG_FILE, PROGRESS_FILE, LOCK_FILE = "job.json", "log.txt", "progress.json", "lock"
-PROGRESS_VARIABLE = "VIOAPR_PROGRESS_FILE"
 _TAIL_BYTES = 4096
 
 
-def run_job(job: Path, root: Path, lock: int) -> None:
+def run_job(job: Path, root: Path, lock: int, program: Sequence[str]) -> None:
     """Run a job's verb to its end.
 
     Args:
         job: The job's folder.
         root: The folder that is served; the verb runs in it.
         lock: Descriptor of the job's lock, which the verb gets too.
+        program: The command line's, before the verb.
     """
     document = read_job(job)
     environment = {
         **os.environ,
-        PROGRESS_VARIABLE: str(job / PROGRESS_FILE),
+        VARIABLE: str(job / PROGRESS_FILE),
         "PYTHONUNBUFFERED": "1",
         "NO_COLOR": "1",
     }
@@ -52,7 +54,7 @@ def run_job(job: Path, root: Path, lock: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with (job / LOG_FILE).open("ab") as log:
         verb = subprocess.Popen(
-            [sys.executable, "-m", "vioapr", *document.arguments],
+            [*program, *document.arguments],
             cwd=root,
             env=environment,
             stdin=subprocess.DEVNULL,
@@ -113,4 +115,4 @@ def now() -> str:
 
 
 if __name__ == "__main__":
-    run_job(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    run_job(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), sys.argv[4:])

@@ -36,22 +36,30 @@ from vioapr.server.job_runner import (
 )
 from vioapr.work.held import hold, is_held
 
+_DIED = "its process died, or the machine went down"
 ENDED = ("done", "failed", "stopped", "interrupted")
 
 
 class Jobs:
     """The jobs of a served folder; safe to call from several threads."""
 
-    def __init__(self, folder: Path, root: Path) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        root: Path,
+        program: Sequence[str] = (sys.executable, "-m", "vioapr"),
+    ) -> None:
         """Take up what is there: queued jobs are queued again, running ones are watched.
 
         Args:
             folder: A folder a job; made if needed.
             root: The folder that is served.
+            program: The command line's, before the verb.
         """
-        self._folder, self._root = folder, root.resolve()
+        self._folder, self._root, self._program = folder, root.resolve(), program
         self._change = threading.RLock()
         self._runners: dict[str, subprocess.Popen[bytes]] = {}
+        self._asked: set[str] = set()
         folder.mkdir(parents=True, exist_ok=True)
         self._jobs: dict[str, JobDocument] = {}
         for path in sorted(folder.iterdir()):
@@ -135,6 +143,7 @@ class Jobs:
                 return self._note(msgspec.structs.replace(job, state="stopped", ended_at=now()))
             pid = self._runners[id_].pid if id_ in self._runners else job.pid
             if job.state == "running" and pid:
+                self._asked.add(id_)
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGTERM)
             return job
@@ -150,6 +159,7 @@ class Jobs:
             job = self._refreshed(self._known(id_))
             if job.state not in ENDED:
                 raise ParameterError(f"expected a job that has ended, got one that is {job.state}")
+            self._asked.discard(id_)
             fresh = JobDocument(
                 id=id_, kind=job.kind, scene=job.scene, arguments=job.arguments, created_at=now()
             )
@@ -179,7 +189,7 @@ class Jobs:
             self._note(msgspec.structs.replace(job, state="running", started_at=now()))
             words = [sys.executable, "-m", "vioapr.server.job_runner"]
             self._runners[job.id] = subprocess.Popen(
-                [*words, str(folder.resolve()), str(self._root), str(lock)],
+                [*words, str(folder.resolve()), str(self._root), str(lock), *self._program],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -198,9 +208,9 @@ class Jobs:
         is_alive = is_held(folder / LOCK_FILE)
         noted = read_job(folder)
         if noted.state == "running" and not is_alive:
-            noted = msgspec.structs.replace(
-                noted, state="interrupted", message="its process died, or the machine went down"
-            )
+            # Asked to stop before it could say so itself, or nobody knows.
+            state, why = ("stopped", "") if job.id in self._asked else ("interrupted", _DIED)
+            noted = msgspec.structs.replace(noted, state=state, message=why)
             self._note(noted)
         if noted.state in ENDED and job.id in self._runners:
             self._runners.pop(job.id).wait()
