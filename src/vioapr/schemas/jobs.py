@@ -17,7 +17,7 @@ class JobDocument(Document, frozen=True, kw_only=True):
 
     Attributes:
         id: Its id.
-        kind: What it is for: `capture`, `import`, or another that the server knows.
+        kind: What it is for: `capture`, `import` or `build`.
         scene: The scene's id; "" for none.
         arguments: Of `vioapr`; paths are from the served folder.
         state: How it stands.

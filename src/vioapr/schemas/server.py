@@ -148,6 +148,16 @@ class ImportRequest(Record, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     recording: IdText | None = None
 
 
+class BuildRequest(Record, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A localizer that is to be built of a scene.
+
+    Attributes:
+        refine: Whether to train another one, while the first can be used, and keep the better.
+    """
+
+    refine: bool = False
+
+
 class TransferDocument(Document, frozen=True, kw_only=True):
     """What the server notes of a transfer that is complete.
 

@@ -18,7 +18,14 @@ from starlette.types import ASGIApp
 
 from vioapr._version import __version__
 from vioapr.schemas.base import Record, decode
-from vioapr.schemas.server import CaptureCompletion, ImportRequest, NewScene, ServerInfo
+from vioapr.schemas.jobs import JobDocument
+from vioapr.schemas.server import (
+    BuildRequest,
+    CaptureCompletion,
+    ImportRequest,
+    NewScene,
+    ServerInfo,
+)
 from vioapr.server import scenes
 from vioapr.server.access import Guard
 from vioapr.server.content import Hashes
@@ -78,6 +85,8 @@ class Api:
             Route(f"{scene}/anchors", self.put_anchors, methods=["PUT"]),
             Route(f"{scene}/anchors/{files}", self.get_model),
             Route(f"{scene}/imports", self.import_upload, methods=["POST"]),
+            Route(f"{scene}/build", self.get_build),
+            Route(f"{scene}/build", self.build, methods=["POST"]),
             Route(f"{recording}/gt", self.get_gt),
             Route(f"{recording}/{files}", self.get_recording_file),
             Route("/api/localizers", self.list_localizers),
@@ -132,6 +141,7 @@ class Api:
 
     def get_scene(self, request: Request) -> Response:
         """One scene in short."""
+        self.served.scene_folder(_id(request))  # of an id that is none, an error
         return answer(scenes.describe_scene(self.served, _id(request)))
 
     def get_summary(self, request: Request) -> Response:
@@ -141,6 +151,10 @@ class Api:
     def get_map(self, request: Request) -> Response:
         """The summary of a scene's map."""
         return scenes.send_map_summary(self.served, request, _id(request))
+
+    def get_build(self, request: Request) -> Response:
+        """What a scene's last build came to."""
+        return scenes.send_build_summary(self.served, request, _id(request))
 
     def get_anchors(self, request: Request) -> Response:
         """A scene's content."""
@@ -187,6 +201,17 @@ class Api:
         wanted = await self._read(request, ImportRequest)
         complete = self._handovers.complete_upload
         return answer(await to_thread.run_sync(complete, _id(request), wanted), 202)
+
+    async def build(self, request: Request) -> Response:
+        """Build a localizer of a scene; a build that is under way is answered as it is."""
+        wanted = await self._read(request, BuildRequest)
+        return answer(await to_thread.run_sync(self._submit_build, _id(request), wanted), 202)
+
+    def _submit_build(self, id_: str, wanted: BuildRequest) -> JobDocument:
+        scene = self.served.scene(id_)
+        under_way = self.jobs.find_open("build", id_)
+        arguments = ["build", scene.folder.name, *(["--refine"] if wanted.refine else [])]
+        return under_way or self.jobs.submit("build", arguments, scene=id_)
 
     def list_jobs(self, request: Request) -> Response:
         """All jobs, the newest first."""

@@ -89,6 +89,13 @@ class Jobs:
             )
             return self._note(job)
 
+    def find_open(self, kind: str, scene: str) -> JobDocument | None:
+        """A job of a kind and scene that has not ended, or None."""
+        with self._change:
+            open_jobs = [job for job in self._jobs.values() if job.state not in ENDED]
+            found = [job for job in map(self._refreshed, open_jobs) if job.state not in ENDED]
+            return next((job for job in found if (job.kind, job.scene) == (kind, scene)), None)
+
     @staticmethod
     def new_id() -> str:
         """An id that no other job has; later ones sort behind earlier ones."""

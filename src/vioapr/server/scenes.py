@@ -29,7 +29,7 @@ from vioapr.server.content import Hashes, send_file
 from vioapr.server.layout import ANCHORS_FILE, ServedFolder
 from vioapr.server.refusals import Refusal, answer
 
-MAP_SUMMARY_FILE = "map.json"
+MAP_SUMMARY_FILE, BUILD_SUMMARY_FILE = "map.json", "build/build.json"
 _TABLES = (INFO_FILE, FRAMES_FILE, IMU_FILE, GNSS_FILE, HEADING_FILE)
 _LOCALIZER_FOLDERS = ("*.onnx", "*/*.onnx", "*/*/*.onnx", "*/*/*/*.onnx")
 
@@ -107,6 +107,15 @@ def send_map_summary(served: ServedFolder, request: Request, id_: str) -> Respon
         FileMissingError: The scene is not mapped.
     """
     return send_file(request, served.scene(id_).map_folder / MAP_SUMMARY_FILE)
+
+
+def send_build_summary(served: ServedFolder, request: Request, id_: str) -> Response:
+    """The `build.json` that `vioapr build` wrote.
+
+    Raises:
+        FileMissingError: There is none.
+    """
+    return send_file(request, served.scene(id_).folder / BUILD_SUMMARY_FILE)
 
 
 def send_anchors(served: ServedFolder, request: Request, id_: str, hashes: Hashes) -> Response:
