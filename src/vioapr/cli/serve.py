@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -75,3 +76,4 @@ def _say_address(folder: Path, running: Running) -> None:
     else:
         explain("Everybody in the network can read along: tokens and pictures are not encrypted.")
     explain("Ctrl-C ends it.")
+    sys.stdout.flush()  # who reads from a pipe waits for the address
