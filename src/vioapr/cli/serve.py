@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -76,4 +75,3 @@ def _say_address(folder: Path, running: Running) -> None:
     else:
         explain("Everybody in the network can read along: tokens and pictures are not encrypted.")
     explain("Ctrl-C ends it.")
-    sys.stdout.flush()  # who reads from a pipe waits for the address

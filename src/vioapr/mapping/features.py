@@ -198,8 +198,13 @@ def image_ids(database: Any) -> dict[str, int]:
 
 def read_descriptors(database: Any, image_id: int) -> NDArray[np.float32]:
     """Unit SIFT descriptors, shape (features, 128)."""
-    data = np.asarray(database.read_descriptors(image_id).data, dtype=np.float32)
-    norms = np.linalg.norm(data, axis=1, keepdims=True)
-    if not np.isfinite(norms).all():
+    data = np.asarray(database.read_descriptors(image_id).data)
+    if not np.isfinite(data).all():
         raise MappingError(f"image {image_id}: broken descriptors in the database")
-    return data / np.maximum(norms, 1e-9)
+    return unit_descriptors(data)
+
+
+def unit_descriptors(descriptors: NDArray[np.number]) -> NDArray[np.float32]:
+    """Descriptors of length 1, shape (n, 128)."""
+    data = descriptors.astype(np.float32)
+    return data / np.maximum(np.linalg.norm(data, axis=1, keepdims=True), 1e-9)
