@@ -82,7 +82,8 @@ def test_raw_fused_and_truth_are_side_by_side(run, recording, fused, tmp_path):
     assert (tmp_path / "again.png").read_bytes() == out.read_bytes()
 
 
-def test_predictions_in_the_scene_are_found(run, fails, recording, fused, tmp_path):
+@pytest.mark.parametrize("place", ["walks/test", "build/walks/net"])
+def test_predictions_in_the_scene_are_found(run, fails, recording, fused, tmp_path, place):
     small = "--rows", "1", "--width-px", "64"
     code, text, _ = run(
         "overlay", recording, "--poses", fused, "--out", tmp_path / "two.png", *small
@@ -90,7 +91,7 @@ def test_predictions_in_the_scene_are_found(run, fails, recording, fused, tmp_pa
     assert code == 0
     assert "--raw names no predictions" in text
     assert columns_of(tmp_path / "two.png", 64) == 2
-    folder = recording.parents[1] / "walks" / "test" / "walk"
+    folder = recording.parents[1] / place / "walk"
     folder.mkdir(parents=True)
     tum.write(folder / "apr_net.tum", Trajectory(TIMES, *straight(1.0)))
     flags = "--poses", fused, "--out", tmp_path / "three.png", *small

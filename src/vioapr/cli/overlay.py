@@ -53,7 +53,7 @@ def overlay(
             (pip install 'vioapr[video]' for .mp4).
         raw: The predictions that were fused, in any trajectory format; between them the tracker
             carries the last one on. By default the one file apr_*.tum of this recording that
-            `vioapr predict` left in SCENE/walks.
+            `vioapr predict` left in SCENE/walks, or `vioapr build` in SCENE/build/walks.
         gt: The truth, in any trajectory format; by default the scene's, if it has one.
         anchors: The content (docs/reference/schemas.md: AnchorsDocument); by default, markers
             stand where the cameras look.
@@ -111,7 +111,10 @@ def find_predictions(scene: Scene | None, id_: str) -> Path | None:
     """
     if scene is None:
         return None
-    found = sorted(scene.folder.glob(f"walks/*/{id_}/apr_*.tum"))
+    folders = ("walks/*", "build/walks/*")  # of `vioapr predict`, and of `vioapr build`
+    found = sorted(
+        path for folder in folders for path in scene.folder.glob(f"{folder}/{id_}/apr_*.tum")
+    )
     if len(found) > 1:
         names = ", ".join(map(str, found))
         raise ParameterError(f"`raw`: expected to be told which predictions were fused: {names}")
