@@ -9,6 +9,7 @@ from vioapr.errors import DiskFullError
 from vioapr.work.stopping import Stopped
 
 _KEPT = {
+    "scene": "images that were looked at are kept: run it again to go on",
     "build": "finished steps are kept: run it again to go on",
     "map": "finished steps are kept: run it again to go on",
     "import": "finished recordings are kept: run it again to go on",

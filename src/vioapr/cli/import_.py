@@ -13,6 +13,8 @@ from vioapr.formats.base import TimeUnit
 from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, ImportOptions, Place, Split
 from vioapr.importers.registry import get_importer, import_source
 from vioapr.plurals import count_of
+from vioapr.scene.faces import find_network
+from vioapr.scene.scene import Scene
 
 
 def import_(
@@ -34,6 +36,7 @@ def import_(
     metric: bool = False,
     max_megapixels: float = DEFAULT_MAX_MEGAPIXELS,
     vio_from_cam: Annotated[str | None, tyro.conf.arg(metavar="auto|FILE")] = None,
+    anonymize: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     strict: bool = False,
     overwrite: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
@@ -65,6 +68,8 @@ def import_(
         max_megapixels: The largest image to import; at most 400.
         vio_from_cam: For --poses of an IMU's body: how the camera is mounted on it. auto estimates
             it by --gt; FILE holds the constant transform body_from_cam, see `vioapr fuse --help`.
+        anonymize: Blur the faces in the imported images (pip install 'vioapr[anonymize]'); see
+            `vioapr scene anonymize --help`. The source stays as it is.
         strict: Refuse what is otherwise imported with a warning.
         overwrite: Replace a recording of the same id that an import wrote, if its source or the
             options have changed since; never one with files that no import wrote.
@@ -92,6 +97,8 @@ def import_(
         vio_from_cam,
     )
     importer = None if format == "auto" else get_importer(format)
+    if anonymize:
+        find_network()  # before the work: without it, faces would stay
     flags = flag_names(import_)
     count = 0
     for imported in import_source(
@@ -109,5 +116,14 @@ def import_(
         for finding in imported.findings:
             warning, style = ("WARNING ", "yellow") if finding.is_warning else ("", "")
             say(f"  {warning}{fill_flags(finding.text, flags)}", style)
+        if anonymize:
+            blur_faces_of(imported.folder)
         count += 1
     say(f"{out}: {count_of(count, 'recording')} imported")
+
+
+def blur_faces_of(recording: Path) -> None:
+    """Blur the faces in a recording of a scene, and say how many there were."""
+    from vioapr.cli.scene import anonymize
+
+    anonymize(Scene.open(recording.parents[1]), [recording.name])

@@ -18,7 +18,9 @@ from vioapr.files.text import write_bytes, write_text
 from vioapr.plurals import count_of
 from vioapr.report.figures.speed import speed_bins, speed_figure, speed_panels
 from vioapr.report.style import render
+from vioapr.scene.anonymize import anonymize_recording, count_images
 from vioapr.scene.check import check_scene, count_frames
+from vioapr.scene.faces import FaceDetector
 from vioapr.scene.scene import SPLITS, Scene
 from vioapr.scene.summary import SceneSummary, summarize_scene
 from vioapr.schemas.base import encode
@@ -112,6 +114,46 @@ def scene_info(
         say(f"{figure}: walking speeds")
     if json_out is not None:
         write_text(json_out, encode(records, indent=1), overwrite=overwrite)
+
+
+def scene_anonymize(
+    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")],
+    keep_originals: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
+    """Blur the faces in all images of a scene, so that it can be shown and passed on.
+
+    Images with faces are replaced; their originals are gone, unless they are to be kept. Stopped,
+    it goes on where it was; run again, it looks at new images only. Small, turned or covered faces
+    may be missed, and what is behind a person tells who it is, too: look at the images before you
+    publish them.
+
+    Args:
+        folder: The scene.
+        keep_originals: Copy images with faces to SCENE/originals first; keep that folder safe.
+
+    Example:
+        vioapr scene anonymize courtyard
+    """
+    scene = Scene.open(folder)
+    anonymize(scene, scene.recording_ids, keep_originals=keep_originals)
+
+
+def anonymize(scene: Scene, ids: Sequence[str], *, keep_originals: bool = False) -> None:
+    """Blur the faces in recordings, and say how many there were.
+
+    Args:
+        scene: The scene.
+        ids: Of the recordings.
+        keep_originals: Copy images with faces first.
+    """
+    detector = FaceDetector()
+    for id_ in ids:
+        with progress(f"looking for faces in {id_}", count_images(scene, id_)) as tick:
+            done = anonymize_recording(
+                scene, id_, detector, keep_originals=keep_originals, tick=tick
+            )
+        faces = f"{count_of(done.faces, 'face')} in {count_of(done.with_faces, 'image')}"
+        say(f"{id_}: {faces} of {done.images} blurred")
 
 
 def scenes_table(summaries: Sequence[SceneSummary]) -> Table:

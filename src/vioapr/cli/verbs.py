@@ -42,6 +42,7 @@ GROUPS: dict[str, dict[str, Verb]] = {
         "scene info": Verb(
             "scene", "scene_info", "Print what scenes hold: images, extents, speeds"
         ),
+        "scene anonymize": Verb("scene", "scene_anonymize", "Blur the faces in a scene's images"),
         "map": Verb("map_scene", "map_", "Make a metric, upright map and ground truth"),
     },
     "A localizer of the place": {

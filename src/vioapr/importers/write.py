@@ -32,6 +32,7 @@ from vioapr.importers.base import DEFAULT_MAX_MEGAPIXELS, Image, ImportedScene, 
 from vioapr.importers.diagnostics import diagnose_images
 from vioapr.importers.fitting import CameraFitter, drop_impossible_intrinsics, sizes_of
 from vioapr.importers.pictures import NO_FILE, PictureReader
+from vioapr.scene.anonymize import ANONYMIZED_FILE
 from vioapr.scene.frames import Frames
 from vioapr.scene.gt_origin import origin_path, remove_gt_file
 from vioapr.scene.recording import (
@@ -236,7 +237,8 @@ def _refuse_others(scene: Scene, id_: str) -> None:
     """
     folder = scene.recording_folder(id_)
     images = set(scene.recording(id_).frames.image)
-    own = (INFO_FILE, FRAMES_FILE, IMU_FILE, GNSS_FILE, HEADING_FILE, IMPORT_FILE)
+    tables = (FRAMES_FILE, IMU_FILE, GNSS_FILE, HEADING_FILE, ANONYMIZED_FILE)
+    own = (INFO_FILE, IMPORT_FILE, *tables)
     for path in sorted(folder.rglob("*")):
         is_image = path.parent == folder / IMAGES_FOLDER and path.name in images
         if path.is_file() and not is_image and not (path.parent == folder and path.name in own):

@@ -19,7 +19,6 @@ from vioapr.files.atomic import replacing
 from vioapr.files.images import read_rgb
 from vioapr.work.steps import fingerprint, is_current, mark
 
-CACHE_FOLDER = ".cache"
 _VERSION = 1
 """Part of every key: raise it when the same images give other pixels than before."""
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.errors import FileMissingError, TrainingError
-from vioapr.regression.cache import CACHE_FOLDER, cached_images
+from vioapr.regression.cache import cached_images
 from vioapr.scene.recording import IMAGES_FOLDER
-from vioapr.scene.scene import Scene
+from vioapr.scene.scene import CACHE_FOLDER, Scene
 from vioapr.trajectory import poses_of_frames
 
 

@@ -23,6 +23,8 @@ from vioapr.schemas.written import GroundTruthOrigin, Writer
 from vioapr.trajectory import Trajectory
 
 SCENE_FILE, RECORDINGS_FOLDER, GT_FOLDER, MAP_FOLDER = "scene.toml", "recordings", "gt", "map"
+CACHE_FOLDER = ".cache"
+"""Of a scene: decoded images, made again where they are missing."""
 SPLITS = ("train", "test")
 
 
