@@ -96,7 +96,8 @@ def test_unknown_verbs_are_refused(fails):
     assert "perhaps scene check (see" in fails("scene", "chek", "--help")
     assert "perhaps scene check (see" in fails("check")
     assert fails("scene", "fly") == (
-        "unknown verb 'scene fly': expected one of scene check, scene info (see vioapr --help)"
+        "unknown verb 'scene fly': expected one of scene check, scene info, scene anonymize "
+        "(see vioapr --help)"
     )
     assert "expected a verb before flags, got --apr" in fails("--apr", "x")
 
