@@ -11,8 +11,15 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from vioapr.errors import AlreadyExistsError, FormatError, LockedError, ParameterError
+from vioapr.errors import (
+    AlreadyExistsError,
+    FormatError,
+    LockedError,
+    MissingExtraError,
+    ParameterError,
+)
 from vioapr.evaluation.view_coverage import Views, measure_coverage
+from vioapr.recipes.build import pipeline
 from vioapr.recipes.build.advice import advise, describe_gap
 from vioapr.recipes.build.inputs import fingerprint_scene, needs_map
 from vioapr.recipes.build.localizer import badness
@@ -192,6 +199,21 @@ def test_a_folder_of_the_users_is_not_taken_for_a_build(scene):
     assert [path.name for path in own.iterdir()] == ["notes.txt"]
 
 
+def test_a_package_of_the_last_step_is_missed_at_once(scene, monkeypatch):
+    missing = {"onnxscript"}
+    monkeypatch.setattr(pipeline, "find_spec", lambda name: None if name in missing else name)
+    with pytest.raises(MissingExtraError, match=r"onnxscript.*vioapr\[export\]"):
+        build(scene.folder, SMALLEST, silent, quiet)
+    assert not (scene.folder / "build").exists()
+
+
+@pytest.fixture
+def installed(monkeypatch):
+    """What happens before the first step needs none of the packages that steps need."""
+    monkeypatch.setattr(pipeline, "find_spec", lambda name: name)
+
+
+@pytest.mark.usefixtures("installed")
 def test_two_builds_of_a_scene_do_not_meet(scene):
     with (
         locked_folder(scene.folder / "build" / ".steps"),
@@ -200,6 +222,7 @@ def test_two_builds_of_a_scene_do_not_meet(scene):
         build(scene.folder, SMALLEST, silent, quiet)
 
 
+@pytest.mark.usefixtures("installed")
 def test_a_scene_with_faults_is_not_built(scene):
     with (scene.recording_folder("one") / "frames.csv").open("a") as file:
         file.write("1.0,,normal,0,0,0,0,0,0,1,,,,,,\n")

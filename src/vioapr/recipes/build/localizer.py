@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from vioapr.errors import MissingExtraError
 from vioapr.evaluation.tables import to_records
 from vioapr.evaluation.view_coverage import measure_coverage
 from vioapr.files.atomic import write_atomically
@@ -156,10 +155,7 @@ class LocalizerSteps:
 
     def _export(self, left_out: LeftOut | None) -> int:
         """Write the file that phones run; returns its size."""
-        try:
-            from vioapr.export.exporter import Exporter
-        except ImportError as error:
-            raise MissingExtraError("vioapr build", error.name or "onnx", "export") from None
+        from vioapr.export.exporter import Exporter
         from vioapr.regression import checkpoint
 
         params = CHAIN.params_type()

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import vioapr
-from vioapr.errors import AlreadyExistsError, FormatError
+from vioapr.errors import AlreadyExistsError, FormatError, MissingExtraError
 from vioapr.evaluation.view_coverage import SECTORS, Coverage, find_gaps, measure_coverage
 from vioapr.files.atomic import write_atomically
 from vioapr.files.text import write_text
@@ -62,6 +63,7 @@ def build(
     Raises:
         FormatError: The scene has faults; the message names the first.
         AlreadyExistsError: `build/` holds something that is not of a build.
+        MissingExtraError: A package that some step needs is not installed.
         LockedError: Another process builds the scene.
         VioAprError: A step cannot be done; those before it are kept.
     """
@@ -70,8 +72,24 @@ def build(
     is_free = not own.exists() or (own.is_dir() and not any(own.iterdir()))
     if not is_free and not (own / STEPS_FOLDER).is_dir():
         raise AlreadyExistsError(own, "expected a folder of an earlier build, or none: move it")
+    require_packages(scene)
     with locked_folder(own / STEPS_FOLDER):
         return _Build(scene, params, Runner(own, progress, say)).run()
+
+
+def require_packages(scene: Scene) -> None:
+    """See that the packages of all steps are there, before hours of work for the last one.
+
+    Raises:
+        MissingExtraError: One is not.
+        ParameterError: See `needs_map`.
+    """
+    needed = {"torch": "train", "onnx": "export", "onnxscript": "export"}
+    if needs_map(scene):
+        needed["pycolmap"] = "mapping"
+    for package, extra in needed.items():
+        if find_spec(package) is None:
+            raise MissingExtraError("vioapr build", package, extra)
 
 
 @dataclass(eq=False)
