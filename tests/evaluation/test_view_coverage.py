@@ -85,6 +85,10 @@ def test_gaps_are_first_where_others_looked_in_vain():
     assert all(gap.asked < 5 for gap in answered)
 
 
+def test_all_of_a_small_place_is_no_gap():
+    assert find_gaps(measure_coverage([line((0, 0), (1.2, 0.8), 0)])) == []
+
+
 def test_support_counts_images_from_near_that_look_the_same_way():
     train = [line((0, 0), (10, 0), 0, 101), line((0, 0), (10, 0), 180, 101)]
     asked = Views(

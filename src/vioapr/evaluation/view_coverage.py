@@ -176,8 +176,11 @@ def find_gaps(coverage: Coverage) -> list[Gap]:
     """Find the areas that lack views most, the worst first.
 
     First those in which other recordings looked in vain, as others will; then those with the most
-    cells and directions unseen. Areas that lack fewer than half of the directions are no gaps.
+    cells and directions unseen. Areas that lack fewer than half of the directions are no gaps, nor
+    is all of a place that is no larger than one area.
     """
+    if (np.ptp(coverage.cell, axis=0) < _BLOCK).all():
+        return []
     blocks: dict[tuple[int, int], list[int]] = {}
     for row, (x, y) in enumerate((coverage.cell // _BLOCK).tolist()):
         blocks.setdefault((x, y), []).append(row)

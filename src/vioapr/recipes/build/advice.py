@@ -83,7 +83,7 @@ def describe_gap(gap: GapRecord, *, has_compass: bool) -> str:
         has_compass: Whether the world's x is east.
     """
     x, y = gap.position_m
-    where = f"Around x {x:.1f} m, y {y:.1f} m (about {max(gap.radius_m, 0.5):.0f} m)"
+    where = f"Around x {x:.1f} m, y {y:.1f} m (about {max(gap.radius_m, 1.0):.0f} m)"
     if len(gap.headings_deg) >= len(_ARROWS) - 1:
         look = "turn slowly all round"
     elif len(gap.headings_deg) > _MOST_NAMED or not has_compass:
