@@ -11,7 +11,7 @@ from tests.importers.sources import COUNT, make_nerfstudio, make_record3d, make_
 from vioapr.errors import FormatError, ParameterError, UnwritableError
 from vioapr.importers.archives import PiecesReader, find_pieces, opened_source
 from vioapr.importers.base import ImportOptions
-from vioapr.importers.registry import import_source
+from vioapr.importers.registry import import_source, is_known
 from vioapr.scene.check import check_scene
 from vioapr.scene.scene import Scene
 from vioapr.work.progress import silent
@@ -81,6 +81,18 @@ def test_the_format_is_seen_by_the_files(tmp_path):
         import_all(tmp_path / "odd", tmp_path / "scene")
 
 
+def test_a_folder_alone_in_a_zip_may_be_part_of_the_format(tmp_path):
+    (tmp_path / "keyframes" / "cameras").mkdir(parents=True)
+    (tmp_path / "keyframes" / "cameras" / "1.json").write_text("{}")
+    source = pack(tmp_path / "keyframes", tmp_path / "room.zip", "keyframes/")
+    with opened_source(source, tmp_path / "scene", silent, is_known) as opened:
+        assert opened.path.name == "room"
+        assert (opened.path / "keyframes" / "cameras" / "1.json").exists()
+    odd = zip_of(tmp_path / "odd.zip", {"a/b/notes.txt": "x"})
+    with opened_source(odd, tmp_path / "scene", silent, is_known) as opened:
+        assert (opened.path / "a" / "b" / "notes.txt").exists()
+
+
 def zip_of(path, members):
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in members.items():
@@ -104,7 +116,7 @@ def test_a_link_in_a_zip_becomes_a_file(tmp_path):
     with zipfile.ZipFile(tmp_path / "x.zip", "w") as archive:
         archive.writestr(link, "/etc/passwd")
         archive.writestr("other", "x")
-    with opened_source(tmp_path / "x.zip", tmp_path / "scene", silent) as opened:
+    with opened_source(tmp_path / "x.zip", tmp_path / "scene", silent, is_known) as opened:
         assert not (opened.path / "link").is_symlink()
         assert (opened.path / "link").read_text() == "/etc/passwd"
 
@@ -165,8 +177,10 @@ def split_bytes(folder, content, size):
 
 def test_errors_of_who_reads_pass_as_they_are(tmp_path):
     source = zip_of(tmp_path / "walk.zip", {"a": "x"})
-    with pytest.raises(OSError, match="mine"), opened_source(source, tmp_path / "s", silent):
+    opened = opened_source(source, tmp_path / "s", silent, is_known)
+    with pytest.raises(OSError, match="mine"), opened:
         raise OSError("mine")
     (tmp_path / "file").write_text("")
-    with pytest.raises(UnwritableError), opened_source(source, tmp_path / "file" / "s", silent):
+    opened = opened_source(source, tmp_path / "file" / "s", silent, is_known)
+    with pytest.raises(UnwritableError), opened:
         pass

@@ -15,9 +15,14 @@ from tests.server.captures import (
 from vioapr.errors import FormatError
 from vioapr.importers import capture as importer
 from vioapr.importers.base import ImportOptions
+from vioapr.importers.capture_logs import FRAMES_HEADER
+from vioapr.importers.registry import import_source
+from vioapr.recipes.demo import unpack_demo
 from vioapr.scene.check import check_scene
 from vioapr.scene.frames import Tracking
+from vioapr.scene.recording import Recording
 from vioapr.scene.scene import Scene
+from vioapr.work.progress import silent
 
 CAMERA = (12, 16, 20.0, 21.0, 6.0, 8.0)
 
@@ -160,3 +165,38 @@ def test_the_recordings_id_must_be_free(open_client, served):
         answer = client.post("/api/captures/other/complete", json=wanted, headers=AUTH)
         assert answer.status_code == 409
         assert "choose another" in answer.json()["error"]
+
+
+def test_the_demos_walk_comes_through_as_it_was(tmp_path):
+    recording = Recording.open(unpack_demo(tmp_path / "demo").recording)
+    frames = recording.frames
+    rows = []
+    for k, (x, y, z, w) in enumerate(frames.vio_from_cam.quat_xyzw.tolist()):
+        pose = [*frames.vio_from_cam.translation_m[k].tolist(), -w, -z, y, x]
+        text = ["", "", "", "", "", "", ""] if np.isnan(w) else map(repr, pose)
+        label = Tracking(frames.tracking[k]).label
+        camera = [repr(float(column[k])).removesuffix(".0") for column in frames.intrinsics]
+        row = [f"{frames.timestamp_s[k]:.9f}", frames.image[k], label, *text, *camera]
+        rows.append(",".join([*row, str(int(frames.tracking_world[k]))]).replace("nan", ""))
+    folder = tmp_path / "capture"
+    (folder / "images").mkdir(parents=True)
+    for k in range(0, len(rows), 100):
+        text = "\n".join([FRAMES_HEADER, *rows[k : k + 100]]) + "\n"
+        (folder / f"frames-{k // 100:05d}.csv").write_text(text)
+    (folder / "capture.json").write_text('{"format": "vioapr capture", "version": 1}')
+    for name in filter(None, frames.image):
+        (folder / "images" / name).hardlink_to(recording.folder / "images" / name)
+    options = ImportOptions(id="again")
+    scene = tmp_path / "scene"
+    given = import_source(None, folder, scene, options, place="outdoor", progress=silent)
+    assert len(list(given)) == 1
+    assert not check_scene(scene).errors
+    found = Recording.open(scene / "recordings" / "again").frames
+    assert len(found) == 450
+    assert found.image == frames.image
+    np.testing.assert_array_equal(found.tracking, frames.tracking)
+    np.testing.assert_allclose(found.timestamp_s, frames.timestamp_s, atol=1e-9)
+    for one, other in zip(found.vio_from_cam, frames.vio_from_cam, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+    for one, other in zip(found.intrinsics, frames.intrinsics, strict=True):
+        np.testing.assert_allclose(one, other)

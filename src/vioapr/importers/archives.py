@@ -15,7 +15,7 @@ import re
 import shutil
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -50,13 +50,16 @@ class Opened:
 
 
 @contextmanager
-def opened_source(source: Path, out: Path, progress: Progress) -> Iterator[Opened]:
+def opened_source(
+    source: Path, out: Path, progress: Progress, is_known: Callable[[Path], bool]
+) -> Iterator[Opened]:
     """Give a source as files: unpacked, if it is a zip or pieces of a file.
 
     Args:
         source: A file or folder; of pieces, any of them.
         out: What it is imported into; what is unpacked lies beside it, and is removed.
         progress: Opened for unpacking, with the number of files.
+        is_known: Whether a folder is what an importer reads.
 
     Raises:
         FormatError: A zip is broken, encrypted, or names files outside of it; a piece is missing.
@@ -78,7 +81,7 @@ def opened_source(source: Path, out: Path, progress: Progress) -> Iterator[Opene
             try:
                 if not is_kept and zipfile.is_zipfile(content):
                     unpack(content, folder / Path(name).stem, source, progress)
-                    path = only_folder(folder / Path(name).stem)
+                    path = find_content(folder / Path(name).stem, is_known)
                 else:
                     path = folder / name
                     content.seek(0)
@@ -136,14 +139,15 @@ def unpack(content: BinaryIO, target: Path, source: Path, progress: Progress) ->
         raise FormatError(source, f"expected a zip that can be unpacked: {error}") from None
 
 
-def only_folder(folder: Path) -> Path:
+def find_content(folder: Path, is_known: Callable[[Path], bool]) -> Path:
     """The folder that a zip's files are in: zips mostly hold one folder with all."""
-    while folder.is_dir():
-        inside = list(folder.iterdir())
+    found = folder
+    while not is_known(found):
+        inside = list(found.iterdir())
         if len(inside) != 1 or not inside[0].is_dir():
             break
-        folder = inside[0]
-    return folder
+        found = inside[0]
+    return found if is_known(found) else folder
 
 
 def _is_left_out(name: str) -> bool:

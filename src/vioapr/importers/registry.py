@@ -147,6 +147,11 @@ def find_importer(folder: Path) -> Importer | None:
     return None
 
 
+def is_known(folder: Path) -> bool:
+    """Whether a folder is what one of the importers reads, by the files in it."""
+    return find_importer(folder) is not None
+
+
 def detect_importer(source: Path) -> Importer:
     """The importer that a file or folder is for, by its name or by the files in it.
 
@@ -201,7 +206,7 @@ def import_source(
     if not source.exists() and not (takes_patterns and is_pattern(source)):
         layout = "a source" if importer is None else importer.layout
         raise ParameterError(f"{source}: expected {layout}, found nothing of this name")
-    with opened_source(source, out, progress) as opened:
+    with opened_source(source, out, progress, is_known) as opened:
         importer = importer or detect_importer(opened.path)
         _check_uses(importer, options)
         made_from = fingerprint(importer.name, str(source.resolve()), repr(options))
