@@ -326,7 +326,8 @@ def main() -> None:
     table.add_row("the same over HTTPS, with a new connection each", f"{over_tls_ms:.1f} ms")
     for floods in (1, 4):
         grown_mb = flood_mb(floods, 100, 4 << 20)
-        title = f"memory for 100 uploads of 4 MB at once, {floods} times"
+        often = "once" if floods == 1 else f"{floods} times"
+        title = f"memory for 100 uploads of 4 MB side by side, {often}"
         table.add_row(title, f"{grown_mb:+.0f} MB")
     publish(table, PAGE, "cost", update_docs=chosen.update_docs)
 

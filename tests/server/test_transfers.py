@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+
 import pytest
-from tests.server.captures import AUTH, make_capture, put, put_all, sha256
+from tests.server.captures import AUTH, TOKEN, make_capture, put, put_all, sha256
 
 from vioapr.server.limits import Limits
 
@@ -96,6 +98,19 @@ def test_too_many_files_and_a_full_disk_are_refused(open_client):
     assert put(full, "other", NAME, b"x").status_code == 507
 
 
+def test_a_disk_that_is_full_keeps_nothing_and_says_so(client, served, monkeypatch):
+    def full(file):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    before = kept(served)
+    with monkeypatch.context() as patch:
+        patch.setattr("vioapr.server.transfers.os.fsync", full)
+        answer = put(client, "walk", NAME, b"x")
+    assert (answer.status_code, answer.json()["error"]) == (507, "the server's disk is full")
+    assert kept(served) == before
+    assert put(client, "walk", NAME, b"x").status_code == 201
+
+
 def test_what_was_half_received_is_removed_at_the_start(open_client, served):
     open_client()
     (served.parts / "0123.part").write_bytes(b"half")
@@ -179,3 +194,38 @@ def test_a_capture_can_be_thrown_away(client, served):
     assert client.get("/api/captures", headers=AUTH).json() == []
     assert client.delete("/api/captures/walk", headers=AUTH).status_code == 404
     assert list(served.parts.iterdir()) == []
+
+
+def test_a_body_that_stops_coming_is_given_up(served, monkeypatch):
+    monkeypatch.setattr("vioapr.server.access._HEARD_OUT_S", 0.05)
+    answers = ask_slowly(served, Limits(idle_s=0.05), body=[b"half"])
+    assert answers[0]["status"] == 408
+    assert (b"connection", b"close") in answers[0]["headers"]
+    assert list(served.parts.iterdir()) == []
+
+
+def ask_slowly(served, limits, body):
+    """Put a file of which some blocks come, and then nothing any more."""
+    import anyio
+
+    from vioapr.server.app import make_app
+
+    blocks, answers = list(body), []
+
+    async def receive():
+        if not blocks:
+            await anyio.sleep(60)
+        return {"type": "http.request", "body": blocks.pop(0), "more_body": True}
+
+    async def send(message):
+        answers.append(message)
+
+    headers = [(b"authorization", AUTH["authorization"].encode())]
+    headers.append((b"x-sha256", sha256(b"whole").encode()))
+    path = f"/api/captures/walk/files/{NAME}"
+    scope = {
+        "type": "http", "method": "PUT", "path": path, "raw_path": path.encode(),
+        "query_string": b"", "headers": headers, "root_path": "", "scheme": "http",
+    }  # fmt: skip
+    anyio.run(make_app(served, TOKEN, limits=limits), scope, receive, send)
+    return answers

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from vioapr.cli.console import explain, say
-from vioapr.server.addresses import qr_code
+from vioapr.server.addresses import LOOPBACK, qr_code
 from vioapr.server.running import Running, serve
 
 
@@ -54,20 +55,23 @@ def serve_(
         https=https,
         plain_http=plain_http,
         tls_folder=tls,
-        on_start=lambda running: _say_address(folder, running),
+        on_start=lambda running: _say_address(folder, running, is_host_given=host is not None),
     )
 
 
-def _say_address(folder: Path, running: Running) -> None:
+def _say_address(folder: Path, running: Running, *, is_host_given: bool) -> None:
     say(qr_code(running.address))
     say(f"{folder}: {running.address}", "bold")
+    is_alone = running.address.partition("://")[2].startswith(LOOPBACK)
     if running.identity is not None:
+        if is_alone and not is_host_given:
+            explain("No address in a network was found: give it by --host.", "yellow")
         explain(
             f"A phone warns of the certificate until it has installed your own authority: open "
             f"{running.address.partition('#')[0]}vioapr-ca.crt there. Its key stays in "
             f"{running.identity.ca_path.parent}: whoever has it can pose as any site to that phone."
         )
-    elif running.address.startswith("http://127.0.0.1"):
+    elif is_alone:
         explain(
             f"Only this computer is let in. A phone on a cable is after `adb reverse "
             f"tcp:{running.port} tcp:{running.port}`; over the network, use --https."
@@ -75,3 +79,4 @@ def _say_address(folder: Path, running: Running) -> None:
     else:
         explain("Everybody in the network can read along: tokens and pictures are not encrypted.")
     explain("Ctrl-C ends it.")
+    sys.stdout.flush()  # who reads from a pipe waits for the address

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from vioapr.schemas.server import Problem
 from vioapr.server.refusals import answer
+
+_HEARD_OUT_BYTES, _HEARD_OUT_S = 1 << 20, 5.0
 
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -48,27 +51,57 @@ class Guard:
             await self._app(scope, receive, send)
             return
 
+        body = _Body(receive)
+
         async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *_HEADERS]
+                headers = [*message.get("headers", ()), *_HEADERS]
+                # A client that is cut off while it sends does not see why: hear it out, to a point.
+                if message["status"] >= 400 and not await body.is_heard_out():
+                    headers.append((b"connection", b"close"))
+                message["headers"] = headers
             await send(message)
 
         if not scope["path"].isprintable():
             # A pattern of addresses would pass over a newline at the end.
             problem = Problem(error="expected an address without control characters")
-            await answer(problem, 400)(scope, receive, send_guarded)
+            await answer(problem, 400)(scope, body.receive, send_guarded)
             return
         if _is_private(scope["path"]) and not self._knows_token(scope):
             problem = Problem(error="expected the token that `vioapr serve` prints")
             response = answer(problem, 401)
             response.headers["www-authenticate"] = "Bearer"
-            await response(scope, receive, send_guarded)
+            await response(scope, body.receive, send_guarded)
             return
-        await self._app(scope, receive, send_guarded)
+        await self._app(scope, body.receive, send_guarded)
 
     def _knows_token(self, scope: Scope) -> bool:
         given = [value for name, value in scope["headers"] if name == b"authorization"]
         return len(given) == 1 and secrets.compare_digest(given[0], self._wanted)
+
+
+class _Body:
+    """A request's body, of which it is known whether all of it came."""
+
+    def __init__(self, receive: Receive) -> None:
+        self._receive, self._is_over = receive, False
+
+    async def receive(self) -> Message:
+        """The next block."""
+        message = await self._receive()
+        self._is_over = message["type"] == "http.disconnect" or not message.get("more_body", False)
+        return message
+
+    async def is_heard_out(self) -> bool:
+        """Pass over the rest of the body, if it is short; whether it is over then."""
+        left = _HEARD_OUT_BYTES
+        try:
+            async with asyncio.timeout(_HEARD_OUT_S):
+                while not self._is_over and left > 0:
+                    left -= len((await self.receive()).get("body", b""))
+        except TimeoutError:
+            return False
+        return self._is_over
 
 
 def _is_private(path: str) -> bool:

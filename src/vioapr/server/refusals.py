@@ -67,8 +67,6 @@ async def refuse(request: Request, error: Exception) -> Response:
     response = answer(problem, status)
     if status == 401:
         response.headers["www-authenticate"] = "Bearer"
-    if status in (408, 413):  # the rest of the body is not read
-        response.headers["connection"] = "close"
     return response
 
 

@@ -7,8 +7,16 @@ if (given) {
 const token = localStorage.getItem('vioapr-token');
 const state = document.querySelector('#state');
 
+async function ask(path, options) {
+  try {
+    return await fetch(path, options);
+  } catch {
+    throw new Error('The server does not answer: has it ended, or is the network another one?');
+  }
+}
+
 async function get(path) {
-  const answer = await fetch(path, { headers: { authorization: `Bearer ${token}` } });
+  const answer = await ask(path, { headers: { authorization: `Bearer ${token}` } });
   if (answer.ok) return answer.json();
   throw new Error(answer.status === 401
     ? 'This browser does not know the token: open the address that vioapr serve prints.'
@@ -35,12 +43,13 @@ function describeScene(scene) {
 
 function describeJob({ job, progress }) {
   const steps = progress && progress.total ? ` (${progress.title}: ${progress.done} of ${progress.total})` : '';
-  return `${job.kind} ${job.scene}: ${job.state}${steps} ${job.message}`;
+  const why = job.state === 'done' || !job.message ? '' : `: ${job.message}`;
+  return `${job.created_at.slice(0, 16).replace('T', ' ')} ${job.kind}, ${job.scene}: ${job.state}${steps}${why}`;
 }
 
 async function refresh() {
   try {
-    const info = await (await fetch('/api')).json();
+    const info = await (await ask('/api')).json();
     const [scenes, localizers, jobs] = await Promise.all(['/api/scenes', '/api/localizers', '/api/jobs'].map(get));
     state.textContent = `vioapr ${info.vioapr} runs. It holds ${countOf(scenes.length, 'scene')}.`;
     state.className = '';
