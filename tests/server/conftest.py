@@ -5,8 +5,13 @@ from __future__ import annotations
 import pytest
 from tests.server.captures import TOKEN
 
-pytest.importorskip("starlette", reason="the extra web is not installed")
-pytest.importorskip("httpx2", reason="httpx2, starlette's client for tests, is not installed")
+
+@pytest.fixture(autouse=True)
+def _web():
+    """Skips, with the reason, where the server cannot run."""
+    for name in ("starlette", "uvicorn", "trustme", "segno"):
+        pytest.importorskip(name, reason="the extra web is not installed")
+    pytest.importorskip("httpx2", reason="httpx2, starlette's client for tests, is not installed")
 
 
 @pytest.fixture

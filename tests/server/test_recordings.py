@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from tests.server.captures import (
     AUTH,
     make_capture,
+    put,
     put_all,
     rotation_errors_rad,
     wait_for_job,
@@ -22,6 +24,8 @@ from vioapr.scene.check import check_scene
 from vioapr.scene.frames import Tracking
 from vioapr.scene.recording import Recording
 from vioapr.scene.scene import Scene
+from vioapr.server.job_runner import write_job
+from vioapr.server.jobs import Jobs
 from vioapr.work.progress import silent
 
 CAMERA = (12, 16, 20.0, 21.0, 6.0, 8.0)
@@ -66,6 +70,24 @@ def test_a_capture_becomes_a_recording_of_the_scene(open_client, served):
         np.testing.assert_array_equal(column, value)
     for row, name in enumerate(frames.image):
         assert recording.image_path(row).read_bytes() == capture.files[f"images/{name}"]
+
+
+def test_pictures_with_faces_do_not_stay_on_the_server(open_client, served):
+    client = open_client()
+    capture, job = complete(client, anonymize=True)
+    found = client.get(f"/api/jobs/{job}", headers=AUTH).json()["job"]
+    assert found["arguments"][-1] == "--anonymize"
+    done = Jobs(served.jobs, served.folder).get(job).job
+    write_job(served.jobs / job, msgspec.structs.replace(done, state="done"))
+    client = open_client()  # looks for what ended meanwhile
+    state = client.get("/api/captures/walk", headers=AUTH).json()
+    assert (state["files"], state["is_complete"], state["recording"]) == ({}, True, "noon")
+    assert [path.name for path in (served.captures / "walk").iterdir()] == [".complete.json"]
+    refused = put(client, "walk", "capture.json", capture.files["capture.json"])
+    assert refused.status_code == 409
+    wanted = {"files": capture.hashes, "scene": "court", "recording": "noon", "anonymize": True}
+    again = client.post("/api/captures/walk/complete", json=wanted, headers=AUTH)
+    assert (again.status_code, again.json()["id"]) == (200, job)
 
 
 def test_sensors_are_turned_to_the_camera(tmp_path):

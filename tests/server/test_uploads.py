@@ -11,7 +11,6 @@ from tests.server.captures import AUTH, put, put_all, sha256, wait_for_job
 from vioapr.errors import ParameterError
 from vioapr.scene.check import check_scene
 from vioapr.scene.scene import Scene
-from vioapr.server.handovers import find_source
 from vioapr.server.names import is_upload_name
 
 
@@ -139,6 +138,8 @@ def test_names_of_uploads():
 
 
 def test_what_of_an_upload_is_imported():
+    from vioapr.server.handovers import find_source
+
     def of(*names):
         return find_source(dict.fromkeys(names, "0" * 64))
 

@@ -99,7 +99,7 @@ class TransferState(Record, frozen=True, kw_only=True):
 
     Attributes:
         id: Its id.
-        files: Bytes of every file that is there, by name.
+        files: Bytes of every file that is there, by name; of a complete one, they may be gone.
         is_complete: Whether the client has said that these are all.
         scene: The scene that it goes to; "" before it is complete.
         recording: The recording that it becomes; "" before, or if the importer chooses.
@@ -122,12 +122,14 @@ class CaptureCompletion(Record, frozen=True, kw_only=True, forbid_unknown_fields
         scene: Id of the scene that it goes to.
         split: Of the recording.
         recording: Id that the recording gets.
+        anonymize: Whether faces are blurred; the pictures that were sent are then removed.
     """
 
     files: dict[str, Sha256]
     scene: IdText
     split: SplitName = "train"
     recording: IdText
+    anonymize: bool = False
 
 
 class ImportRequest(Record, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -139,6 +141,7 @@ class ImportRequest(Record, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         format: The app or data set, as `vioapr import` names it; `auto` looks at the files.
         split: Of the recordings; None leaves it to the importer.
         recording: Id that the recording gets; None leaves it to the importer.
+        anonymize: Whether faces are blurred.
     """
 
     upload: IdText
@@ -146,6 +149,7 @@ class ImportRequest(Record, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     format: Annotated[str, msgspec.Meta(pattern="^[a-z0-9][a-z0-9-]{0,31}$")] = "auto"
     split: SplitName | None = None
     recording: IdText | None = None
+    anonymize: bool = False
 
 
 class BuildRequest(Record, frozen=True, kw_only=True, forbid_unknown_fields=True):

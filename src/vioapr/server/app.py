@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -17,6 +18,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from vioapr._version import __version__
+from vioapr.errors import VioAprError
 from vioapr.schemas.base import Record, decode
 from vioapr.schemas.jobs import JobDocument
 from vioapr.schemas.server import (
@@ -40,6 +42,7 @@ from vioapr.server.transfers import Transfers, clean_parts, receive_body
 STATIC = Path(__file__).parent / "static"
 _JOBS_EVERY_S = 0.5
 _LOG_BYTES = 1 << 20
+_log = logging.getLogger("uvicorn.error")
 
 RecordType = TypeVar("RecordType", bound=Record)
 
@@ -65,9 +68,12 @@ class Api:
     async def run_jobs(self) -> None:
         """Start and watch jobs until cancelled."""
         while True:
-            ended = await to_thread.run_sync(self.jobs.advance)
-            if ended:
-                await to_thread.run_sync(self._handovers.remove_imported)
+            try:
+                ended = await to_thread.run_sync(self.jobs.advance)
+                if ended:
+                    await to_thread.run_sync(self._handovers.remove_imported)
+            except (VioAprError, OSError):  # as of a full disk: the next time may be better
+                _log.exception("jobs cannot be watched")
             await asyncio.sleep(_JOBS_EVERY_S)
 
     def routes(self) -> list[Route]:

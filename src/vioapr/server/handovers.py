@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from vioapr.errors import AlreadyExistsError, FileMissingError, ParameterError
-from vioapr.schemas.jobs import JobDocument
+from vioapr.schemas.jobs import JobDocument, JobState
 from vioapr.schemas.server import CaptureCompletion, ImportRequest, TransferDocument
 from vioapr.server.jobs import Jobs
 from vioapr.server.layout import ServedFolder
@@ -15,7 +15,7 @@ from vioapr.server.scenes import check_recording_free
 from vioapr.server.transfers import Transfers
 
 CAPTURE, IMPORT = "capture", "import"
-_CAPTURE_FILE = "capture.json"
+_CAPTURE_FILE, _ANONYMIZE = "capture.json", "--anonymize"
 
 
 class Handovers:
@@ -36,7 +36,7 @@ class Handovers:
                 if done is None:
                     continue
                 self._submit(done)
-                if self._jobs.get(done.job).job.state == "interrupted":
+                if self._state_of(done) == "interrupted":
                     self._jobs.again(done.job)
         self.remove_imported()
 
@@ -52,6 +52,7 @@ class Handovers:
         arguments = (
             "import", CAPTURE, self._path(folder), "--out", wanted.scene, "--id", wanted.recording,
             "--split", wanted.split, "--images", "link",
+            *([_ANONYMIZE] if wanted.anonymize else []),
         )  # fmt: skip
         document = TransferDocument(
             files=wanted.files, scene=wanted.scene, recording=wanted.recording,
@@ -76,6 +77,8 @@ class Handovers:
             arguments += ["--split", wanted.split]
         if wanted.recording is not None:
             arguments += ["--id", wanted.recording]
+        if wanted.anonymize:
+            arguments.append(_ANONYMIZE)
         document = TransferDocument(
             files=wanted.files, scene=scene, recording=wanted.recording or "",
             job=Jobs.new_id(), kind=IMPORT, arguments=tuple(arguments),
@@ -83,11 +86,19 @@ class Handovers:
         return self._complete(self._uploads, wanted.upload, document)
 
     def remove_imported(self) -> None:
-        """Remove uploads that were imported: what counts of them is in the scene."""
-        for id_ in self._uploads.ids():
-            done = self._uploads.completion(id_)
-            if done is not None and self._jobs.get(done.job).job.state == "done":
-                self._uploads.remove(id_)
+        """Remove what is in the scene by now: uploads, and pictures that showed faces.
+
+        Other captures stay as they came. Their pictures take no place, as the scene's are links.
+        """
+        for transfers in (self._uploads, self._captures):
+            for id_ in transfers.ids():
+                done = transfers.completion(id_)
+                if done is None or self._state_of(done) != "done":
+                    continue
+                if done.kind == IMPORT:
+                    transfers.remove(id_)
+                elif _ANONYMIZE in done.arguments:
+                    transfers.empty(id_)
 
     def require_idle(self, transfers: Transfers, id_: str) -> None:
         """See that no job needs a transfer.
@@ -96,7 +107,7 @@ class Handovers:
             Refusal: One does.
         """
         done = transfers.completion(id_)
-        if done is not None and self._jobs.get(done.job).job.state in ("queued", "running"):
+        if done is not None and self._state_of(done) in ("queued", "running"):
             raise Refusal(409, f"{id_} is needed by job {done.job}: stop it first")
 
     def _complete(self, transfers: Transfers, id_: str, document: TransferDocument) -> JobDocument:
@@ -127,12 +138,16 @@ class Handovers:
         for transfers in (self._captures, self._uploads):
             for id_ in transfers.ids():
                 done = transfers.completion(id_)
-                if done is None or (done.scene, done.recording) != claimed:
-                    continue
-                with suppress(FileMissingError):
-                    if self._jobs.get(done.job).job.state in ("queued", "running"):
-                        text = f"expected the id of a new recording: {id_} becomes this one"
-                        raise AlreadyExistsError(document.recording, text)
+                is_same = done is not None and (done.scene, done.recording) == claimed
+                if done is not None and is_same and self._state_of(done) in ("queued", "running"):
+                    text = f"expected the id of a new recording: {id_} becomes this one"
+                    raise AlreadyExistsError(document.recording, text)
+
+    def _state_of(self, done: TransferDocument) -> JobState:
+        """The state of a transfer's job, which may be about to be submitted."""
+        with suppress(FileMissingError):
+            return self._jobs.get(done.job).job.state
+        return "queued"
 
     def _path(self, path: Path) -> str:
         return path.relative_to(self._served.folder).as_posix()

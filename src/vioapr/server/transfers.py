@@ -133,6 +133,14 @@ class Transfers:
         self._counts.pop(id_, None)
         shutil.rmtree(aside, ignore_errors=True)
 
+    def empty(self, id_: str) -> None:
+        """Remove the files of a complete transfer; that it was complete stays known."""
+        for path in self.place(id_).iterdir():
+            if path.is_dir():
+                shutil.rmtree(path)
+            elif path.name != COMPLETION_FILE:
+                path.unlink()
+
     async def put(self, request: Request, id_: str, name: str) -> int:
         """Receive a file.
 
@@ -198,7 +206,7 @@ def clean_parts(parts: Path) -> int:
     """Remove what a killed server left while it received; how many files that were."""
     leftovers = [*parts.glob(f"*{PART_SUFFIX}")] if parts.is_dir() else []
     for path in leftovers:
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
     return len(leftovers)
 
 
