@@ -125,6 +125,19 @@ def test_one_of_a_hundred_wins(served):
         assert free_of_parts(served.folder)
 
 
+def test_a_capture_that_is_completed_many_times_at_once_is_one_recording(served):
+    capture = make_capture()
+    wanted = {"files": capture.hashes, "scene": "court", "recording": "noon"}
+    with live(served.folder) as server, ThreadPoolExecutor(16) as pool:
+        upload(server, "walk", capture.files, set())
+        path = "/api/captures/walk/complete"
+        answers = list(pool.map(lambda _: server.ask("POST", path, wanted), range(32)))
+        assert {status for status, _ in answers} == {200}
+        assert len({job["id"] for _, job in answers}) == 1
+        assert wait_for_job(server, answers[0][1]["id"])["state"] == "done"
+        assert len(server.ask("GET", "/api/jobs")[1]) == 1
+
+
 def send(server, head, blocks=()):
     """Send a request as it is, and as much of a body as the server takes; its answer's head."""
     with socket.create_connection(("127.0.0.1", server.port), timeout=30) as connection:

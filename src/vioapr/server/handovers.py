@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import suppress
 from pathlib import Path
 
@@ -27,6 +28,7 @@ class Handovers:
         """Stand between transfers and jobs."""
         self._served, self._jobs = served, jobs
         self._captures, self._uploads = captures, uploads
+        self._one_by_one = threading.Lock()
 
     def take_up(self) -> None:
         """Go on where a killed server was: submit what was complete, and run again what died."""
@@ -112,20 +114,21 @@ class Handovers:
 
     def _complete(self, transfers: Transfers, id_: str, document: TransferDocument) -> JobDocument:
         """Note that a transfer is complete, and submit its job; once, however often asked."""
-        before = transfers.completion(id_)
-        if before is not None:
-            if before.files != document.files or before.scene != document.scene:
-                raise Refusal(409, f"{id_} is complete already, with other files or a scene")
-            return self._submit(before)
-        missing = transfers.find_missing(id_, document.files)
-        if missing or not document.files:
-            raise Refusal(409, f"{len(missing)} files are missing", tuple(missing))
-        scene = self._served.scene(document.scene)
-        if document.recording:
-            check_recording_free(scene, document.recording)
-            self._check_unclaimed(document)
-        transfers.complete(id_, document)
-        return self._submit(document)
+        with self._one_by_one:
+            before = transfers.completion(id_)
+            if before is not None:
+                if before.files != document.files or before.scene != document.scene:
+                    raise Refusal(409, f"{id_} is complete already, with other files or a scene")
+                return self._submit(before)
+            missing = transfers.find_missing(id_, document.files)
+            if missing or not document.files:
+                raise Refusal(409, f"{len(missing)} files are missing", tuple(missing))
+            scene = self._served.scene(document.scene)
+            if document.recording:
+                check_recording_free(scene, document.recording)
+                self._check_unclaimed(document)
+            transfers.complete(id_, document)
+            return self._submit(document)
 
     def _submit(self, document: TransferDocument) -> JobDocument:
         return self._jobs.submit(
