@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 
+import numpy as np
 import pytest
+from tests.formats.test_colmap_points import content_of
 from tests.scene.scenes import make_scene
 from tests.server.captures import AUTH
 
@@ -44,6 +46,23 @@ def test_scenes_are_listed_made_and_described(client, served, hall):
     summary = get(client, "/api/scenes/hall/summary").json()
     assert summary["images"] == {"train": 10, "test": 10}
     assert get(client, "/api/scenes/hall/map").status_code == 404
+
+
+def test_the_points_of_a_map(client, served, monkeypatch):
+    path = "/api/scenes/court/map/points"
+    assert get(client, path).status_code == 404
+    (served.folder / "court" / "map").mkdir()
+    (served.folder / "court" / "map" / "points3D.bin").write_bytes(content_of(10))
+    answer = get(client, path)
+    rows = np.frombuffer(answer.content, dtype=[("xyz", "<f4", 3), ("rgb", "u1", 4)])
+    assert rows["xyz"][3].tolist() == [3.0, 6.0, -1.5]
+    assert rows["rgb"][3].tolist() == [3, 7, 255, 0]
+    assert len(rows) == 10
+    known = get(client, path, **{"if-none-match": answer.headers["etag"]})
+    assert (known.status_code, known.content) == (304, b"")
+    monkeypatch.setattr("vioapr.server.scenes._MAX_POINTS", 4)
+    fewer = np.frombuffer(get(client, path).content, dtype=[("xyz", "<f4", 3), ("rgb", "u1", 4)])
+    assert fewer["xyz"][:, 0].tolist() == [0.0, 3.0, 6.0, 9.0]
 
 
 def test_files_of_recordings(client, hall):

@@ -87,6 +87,7 @@ class Api:
             Route(scene, self.get_scene),
             Route(f"{scene}/summary", self.get_summary),
             Route(f"{scene}/map", self.get_map),
+            Route(f"{scene}/map/points", self.get_map_points),
             Route(f"{scene}/anchors", self.get_anchors),
             Route(f"{scene}/anchors", self.put_anchors, methods=["PUT"]),
             Route(f"{scene}/anchors/{files}", self.get_model),
@@ -157,6 +158,10 @@ class Api:
     def get_map(self, request: Request) -> Response:
         """The summary of a scene's map."""
         return scenes.send_map_summary(self.served, request, _id(request))
+
+    def get_map_points(self, request: Request) -> Response:
+        """The points of a scene's map."""
+        return scenes.send_map_points(self.served, request, _id(request), self._hashes)
 
     def get_build(self, request: Request) -> Response:
         """What a scene's last build came to."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
+import numpy as np
 from starlette.requests import Request
 from starlette.responses import Response
 
 from vioapr.errors import AlreadyExistsError, FileMissingError, VioAprError
 from vioapr.files.onnx_metadata import read_onnx_metadata
 from vioapr.files.text import read_text, write_text
+from vioapr.formats.colmap_points import POINTS_FILE, read_points
 from vioapr.scene.recording import (
     FRAMES_FILE,
     GNSS_FILE,
@@ -30,6 +32,9 @@ from vioapr.server.layout import ANCHORS_FILE, ServedFolder
 from vioapr.server.refusals import Refusal, answer
 
 MAP_SUMMARY_FILE, BUILD_SUMMARY_FILE = "map.json", "build/build.json"
+_MAX_POINTS = 400_000
+"""A phone draws no more, and 6 MB are enough to send."""
+
 _TABLES = (INFO_FILE, FRAMES_FILE, IMU_FILE, GNSS_FILE, HEADING_FILE)
 _LOCALIZER_FOLDERS = ("*.onnx", "*/*.onnx", "*/*/*.onnx", "*/*/*/*.onnx")
 
@@ -107,6 +112,23 @@ def send_map_summary(served: ServedFolder, request: Request, id_: str) -> Respon
         FileMissingError: The scene is not mapped.
     """
     return send_file(request, served.scene(id_).map_folder / MAP_SUMMARY_FILE)
+
+
+def send_map_points(served: ServedFolder, request: Request, id_: str, hashes: Hashes) -> Response:
+    """The points of a scene's map, 16 bytes each: x, y, z as f32, red, green, blue as u8, a zero.
+
+    Raises:
+        FileMissingError: The scene is not mapped.
+    """
+    path = served.scene(id_).map_folder / POINTS_FILE
+    headers = {"etag": f'"{hashes.of(path)}"', "cache-control": "no-cache"}
+    if request.headers.get("if-none-match") == headers["etag"]:
+        return Response(status_code=304, headers=headers)
+    positions, colours = read_points(path)
+    step = max(1, -(-len(positions) // _MAX_POINTS))
+    rows = np.zeros(len(positions[::step]), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 4)])
+    rows["xyz"], rows["rgb"][:, :3] = positions[::step], colours[::step]
+    return Response(rows.tobytes(), headers=headers, media_type="application/octet-stream")
 
 
 def send_build_summary(served: ServedFolder, request: Request, id_: str) -> Response:
