@@ -291,6 +291,8 @@ def test_a_build_leaves_a_localizer_and_says_how_good_it_is(built):
     assert "at least 4 m" in made.why_not  # the walks take four seconds
     page = (folder / "build" / "index.html").read_text()
     assert "evaluation/mobile/index.html" in page
+    assert "--raw" in page
+    assert f"{folder}/build/walks/mobile/test-02/apr_mobile.tum" in page
     assert (folder / "build" / "evaluation" / "mobile" / "index.html").exists()
 
 

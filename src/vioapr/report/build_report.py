@@ -194,6 +194,7 @@ def list_coverage(record: CoverageRecord) -> list[tuple[str, str]]:
 def list_honesty(localizer: BuiltLocalizer) -> list[tuple[str, str]]:
     """Say whether what the localizer states of its errors is true."""
     facts: list[tuple[str, str]] = []
+    by = ", without the calibration" if localizer.is_calibrated else ""
     for one in localizer.accuracy:
         for row in one.reliability:
             if row.method == _CHAIN:
@@ -201,8 +202,8 @@ def list_honesty(localizer: BuiltLocalizer) -> list[tuple[str, str]]:
                     *(_known(getattr(row.figures, name)) for name in Reliability._fields)
                 )
                 jumps, _, wrong, *_ = format_reliability(figures)
-                facts.append(("Wrong and sure", f"{wrong} of the frames err by above 5 sigmas"))
-                facts.append(("Content jumps", f"{jumps} a minute above 5 cm"))
+                facts.append(("Wrong and sure", f"{wrong} of the frames err by above 5 sigmas{by}"))
+                facts.append(("Content jumps", f"{jumps} a minute above 5 cm{by}"))
     left_out = localizer.left_out
     if left_out is None:
         return [*facts, ("Calibration", f"none: {localizer.why_not}")]

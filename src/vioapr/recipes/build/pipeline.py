@@ -7,6 +7,7 @@ mapping, training and prediction go on where they were.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -22,6 +23,7 @@ from vioapr.recipes.build.advice import advise, describe_gap
 from vioapr.recipes.build.inputs import (
     fingerprint_gt,
     fingerprint_scene,
+    ids_of,
     needs_map,
     views_of_split,
 )
@@ -31,6 +33,7 @@ from vioapr.recipes.build.running import BUILD_FOLDER, STEPS_FOLDER, Runner
 from vioapr.report.build_report import write_build_report
 from vioapr.scene.check import check_scene, count_frames
 from vioapr.scene.scene import Scene
+from vioapr.scene.walks import APR_PREFIX
 from vioapr.schemas.base import encode
 from vioapr.schemas.build import (
     BuildSummary,
@@ -179,20 +182,34 @@ class _Build:
         with self.runner.progress("writing the report", 1) as tick:
             write_build_report(
                 self.own, summary, coverage, train, test,
-                has_compass=has_compass, commands=self._commands(),
+                has_compass=has_compass, commands=self._commands(best),
             )  # fmt: skip
             write_text(self.own / SUMMARY_FILE, encode(summary))
             tick()
         return summary
 
-    def _commands(self) -> list[str]:
+    def _commands(self, best: BuiltLocalizer) -> list[str]:
         """What to do with the localizer, as commands."""
-        tests = self.scene.splits.get("test", ()) or self.scene.splits.get("train", ())
-        model, recording = self.own / LOCALIZER_FILE, self.scene.recording_folder(tests[0])
-        return [
-            f"vioapr localize --model {model} --recording {recording} --out fused.csv",
-            f"vioapr overlay {recording} --poses fused.csv --out overlay.png",
+        id_ = ids_of(self.scene)[-1]  # one to test with, if there is any
+        model, recording = self.own / LOCALIZER_FILE, self.scene.recording_folder(id_)
+        commands = [
+            [
+                "vioapr",
+                "localize",
+                "--model",
+                model,
+                "--recording",
+                recording,
+                "--out",
+                "fused.csv",
+            ],
+            ["vioapr", "overlay", recording, "--poses", "fused.csv", "--out", "overlay.png"],
         ]
+        name = best.model.replace(":", "-")
+        raw = self.own / "walks" / name / id_ / f"{APR_PREFIX}{name}.tum"
+        if raw.exists():
+            commands[1] += ["--raw", raw]
+        return [shlex.join(map(str, words)) for words in commands]
 
 
 def to_coverage_record(coverage: Coverage) -> CoverageRecord:
