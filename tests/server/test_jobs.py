@@ -36,6 +36,10 @@ if verb == "sleep":
     print("sleeping", flush=True)
     time.sleep(float(rest[0]))
     print("slept")
+elif verb == "progress":
+    with open(os.environ["VIOAPR_PROGRESS_FILE"], "w") as file:
+        file.write('{"format": "vioapr progress", "version": 1, "title": "t", "done": 3}')
+    time.sleep(60)
 elif verb == "fail":
     print("error: expected more, got less", file=sys.stderr)
     sys.exit(2)
@@ -129,6 +133,18 @@ def test_a_job_is_stopped(open_jobs):
     jobs.stop(job.id)
     assert run(jobs, job.id) == ["stopped"]
     assert jobs.get(job.id).job.exit_code == -signal.SIGTERM
+
+
+def test_how_far_a_job_has_come(open_jobs):
+    jobs = open_jobs()
+    job = jobs.submit("a", ["progress"])
+    jobs.advance()
+    wait_for(lambda: jobs.get(job.id).progress is not None)
+    said = jobs.get(job.id).progress
+    assert (said.title, said.done, said.total) == ("t", 3, 0)
+    jobs.stop(job.id)
+    assert run(jobs, job.id) == ["stopped"]
+    assert jobs.get(job.id).progress is None
 
 
 def test_unknown_and_half_made_jobs(open_jobs, folder):

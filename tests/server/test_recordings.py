@@ -90,6 +90,22 @@ def test_pictures_with_faces_do_not_stay_on_the_server(open_client, served):
     assert (again.status_code, again.json()["id"]) == (200, job)
 
 
+def test_jobs_go_on_after_an_error_of_the_disk(open_client, monkeypatch, caplog):
+    advance, failures = Jobs.advance, [OSError("the disk is odd")] * 2
+
+    def odd(self):
+        if failures:
+            raise failures.pop()
+        return advance(self)
+
+    monkeypatch.setattr(Jobs, "advance", odd)
+    with open_client() as client:
+        _, job = complete(client)
+        assert wait_for_job(client, job)["state"] == "done"
+    said = [record.getMessage() for record in caplog.records if "odd" in record.getMessage()]
+    assert said == ["jobs cannot be run: the disk is odd"]  # once
+
+
 def test_sensors_are_turned_to_the_camera(tmp_path):
     walk = read_capture(tmp_path, make_capture().files)
     # Upright: the device's +y is the image's up, so the force at rest is along the camera's -y.

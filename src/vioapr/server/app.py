@@ -67,13 +67,17 @@ class Api:
 
     async def run_jobs(self) -> None:
         """Start and watch jobs until cancelled."""
+        said = ""
         while True:
             try:
                 ended = await to_thread.run_sync(self.jobs.advance)
                 if ended:
                     await to_thread.run_sync(self._handovers.remove_imported)
-            except (VioAprError, OSError):  # as of a full disk: the next time may be better
-                _log.exception("jobs cannot be watched")
+                said = ""
+            except (VioAprError, OSError) as error:  # as of a full disk: it may be better soon
+                if str(error) != said:
+                    said = str(error)
+                    _log.error("jobs cannot be run: %s", said)
             await asyncio.sleep(_JOBS_EVERY_S)
 
     def routes(self) -> list[Route]:

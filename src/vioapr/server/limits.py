@@ -18,7 +18,7 @@ class Limits:
     """
 
     max_file_bytes: int = 32 << 20
-    max_json_bytes: int = 32 << 20
-    max_files: int = 200_000
+    max_json_bytes: int = 8 << 20
+    max_files: int = 60_000
     idle_s: float = 30.0
     min_free_bytes: int = 512 << 20
