@@ -73,6 +73,15 @@ def test_a_job_runs_in_the_served_folder_and_says_how_it_ended(open_jobs, folder
     assert open_jobs().get(bad.id).job == ended
 
 
+def test_an_end_is_told_once_whoever_saw_it_first(open_jobs):
+    jobs = open_jobs()
+    job = jobs.submit("a", ["print"])
+    assert jobs.advance() == []
+    wait_for(lambda: jobs.get(job.id).job.state == "done")
+    assert [ended.id for ended in jobs.advance()] == [job.id]
+    assert jobs.advance() == []
+
+
 def test_jobs_of_a_lane_run_one_after_the_other(open_jobs):
     jobs = open_jobs()
     first = jobs.submit("capture", ["sleep", "0.5"], scene="court")

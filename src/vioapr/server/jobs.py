@@ -60,6 +60,7 @@ class Jobs:
         self._change = threading.RLock()
         self._runners: dict[str, subprocess.Popen[bytes]] = {}
         self._asked: set[str] = set()
+        self._ended: list[JobDocument] = []
         folder.mkdir(parents=True, exist_ok=True)
         self._jobs: dict[str, JobDocument] = {}
         for path in sorted(folder.iterdir()):
@@ -181,12 +182,13 @@ class Jobs:
         with self._change:
             open_jobs = [job for job in self._jobs.values() if job.state not in ENDED]
             fresh = [self._refreshed(job) for job in open_jobs]
-            ended = [job for job in fresh if job.state in ENDED]
             busy = {_lane(job) for job in fresh if job.state == "running"}
             for job in sorted(fresh, key=lambda job: job.created_at + job.id):
                 if job.state == "queued" and _lane(job) not in busy:
                     busy.add(_lane(job))
                     self._start(job)
+            # Also those whose end was seen when somebody asked for them.
+            ended, self._ended = self._ended, []
             return ended
 
     def _start(self, job: JobDocument) -> None:
@@ -219,8 +221,10 @@ class Jobs:
             state, why = ("stopped", "") if job.id in self._asked else ("interrupted", _DIED)
             noted = msgspec.structs.replace(noted, state=state, message=why)
             self._note(noted)
-        if noted.state in ENDED and job.id in self._runners:
-            self._runners.pop(job.id).wait()
+        if noted.state in ENDED:
+            self._ended.append(noted)
+            if job.id in self._runners:
+                self._runners.pop(job.id).wait()
         self._jobs[job.id] = noted
         return noted
 
