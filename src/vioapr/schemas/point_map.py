@@ -30,6 +30,7 @@ class PointMapHeader(Document, frozen=True):
         key: Changes with all that it was made from.
         source: For people: a map's folder, or whose ground truth.
         is_gravity_aligned: Whether the world's z axis is up.
+        shares_cameras: Whether images of about the same focal length share a camera.
         names: Of its images.
         cameras: Different ones, the most frequent first.
         max_image_size: Images were scaled down to this many pixels along their longer side.
@@ -45,6 +46,7 @@ class PointMapHeader(Document, frozen=True):
     key: str
     source: str
     is_gravity_aligned: bool
+    shares_cameras: bool
     names: tuple[str, ...]
     cameras: tuple[CameraModel, ...]
     max_image_size: int

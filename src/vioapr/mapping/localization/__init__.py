@@ -12,6 +12,7 @@ To predict: `open_point_map` of `scene_map.py`, then `localize_walks` of `predic
 - `sources.py`: what a scene's point map is made from.
 - `scene_map.py`: a scene's point map, made if it is not there.
 - `localizer.py`: the pose of one image.
-- `uncertainty.py`: how exact it is, stated; checked on the map's own images, each left out.
+- `uncertainty.py`: how exact it is, stated.
+- `checking.py`: what the map adds to that, by its own images, each left out.
 - `prediction.py`: recordings, and files as `evaluate` takes them.
 """

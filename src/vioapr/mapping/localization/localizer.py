@@ -57,7 +57,6 @@ class PointMapLocalizer:
             max_image_size=header.max_image_size, max_features=header.max_features
         )
         self._looks = point_map.looks.astype(np.float32)
-        self._observers = np.bincount(point_map.point, minlength=len(point_map.points_m))
 
     def localize(self, path: Path, camera: CameraModel) -> Localized | None:
         """Find the pose of an image.
@@ -82,8 +81,7 @@ class PointMapLocalizer:
         Args:
             features: Found as those of the map.
             camera: That took it.
-            left_out: Images of the map that must not help, nor points that fewer than two others
-                see.
+            left_out: Images of the map that must not help.
         """
         pixel, point = self._match(features, left_out)
         if len(pixel) < self.params.min_inliers:
@@ -106,15 +104,13 @@ class PointMapLocalizer:
         descriptor = unit_descriptors(features.descriptors)
         found = [np.zeros((0, 2), dtype=np.int64)]
         place = self.point_map
-        first, last = place.first[:-1][left_out], place.first[1:][left_out]
-        own = place.point[first[0] : last[-1]] if len(first) else place.point[:0]
-        is_usable = self._observers - np.bincount(own, minlength=len(self._observers)) >= 2
+        is_placed = np.isfinite(place.points_m[:, 0])
         for view in self.similar_views(descriptor, left_out):
             block = slice(place.first[view], place.first[view + 1])
             stored = unit_descriptors(place.descriptor[block])
             rows, columns = match_descriptors(descriptor, stored).T
             point = place.point[block][columns].astype(np.int64)
-            found.append(np.column_stack([rows, point])[is_usable[point]])
+            found.append(np.column_stack([rows, point])[is_placed[point]])
         together = np.unique(np.concatenate(found), axis=0)
         pixel = features.keypoints[together[:, 0], :2].astype(np.float64)
         return pixel, together[:, 1]

@@ -122,6 +122,7 @@ def build_point_map(
     key: str,
     source: str,
     is_gravity_aligned: bool,
+    shares_cameras: bool,
     max_image_size: int,
     max_features: int,
     seed: int = 0,
@@ -136,6 +137,7 @@ def build_point_map(
         key: Changes with all that this is made from.
         source: For people.
         is_gravity_aligned: Whether the world's z axis is up.
+        shares_cameras: Whether images of about the same focal length share a camera.
         max_image_size: That features were found with.
         max_features: Of an image at most.
         seed: Of the words' random start.
@@ -160,6 +162,7 @@ def build_point_map(
         key=key,
         source=source,
         is_gravity_aligned=is_gravity_aligned,
+        shares_cameras=shares_cameras,
         names=tuple(names),
         cameras=tuple(camera for camera, _ in cameras.most_common()),
         max_image_size=max_image_size,

@@ -16,12 +16,13 @@ from vioapr.files.images import probe_image
 from vioapr.formats.stated_sigmas import Sigmas
 from vioapr.geometry import quaternion, rigid
 from vioapr.geometry.rigid import Rigid3
+from vioapr.mapping.inputs import group_cameras
 from vioapr.mapping.joining import MAX_TILT_DEG
 from vioapr.mapping.localization.cameras import pinhole
 from vioapr.mapping.localization.localizer import Localized, PointMapLocalizer
 from vioapr.mapping.localization.params import LocalizationParams
 from vioapr.mapping.localization.point_map import PointMap
-from vioapr.scene.frames import Tracking
+from vioapr.scene.frames import Intrinsics, Tracking
 from vioapr.scene.predictions import Predictions, write_predictions
 from vioapr.scene.recording import FRAMES_FILE, IMAGES_FOLDER, Recording
 from vioapr.scene.scene import Scene
@@ -95,11 +96,12 @@ def localize_recording(
     if not rows:
         raise FormatError(recording.folder / IMAGES_FOLDER, "expected images, found none")
 
+    cameras = cameras_of_frames(localizer.point_map, recording)
+
     def localize(row: int) -> Localized | None:
-        camera = camera_of_frame(localizer.point_map, recording, row)
-        if camera is None:
+        if row not in cameras:
             return None
-        return localizer.localize(recording.image_path(row), camera)
+        return localizer.localize(recording.image_path(row), cameras[row])
 
     is_level = localizer.point_map.header.is_gravity_aligned and recording.info.is_gravity_aligned
     is_tracked = frames.has_pose & (frames.tracking != Tracking.LIMITED)
@@ -118,30 +120,47 @@ def localize_recording(
     return result
 
 
-def camera_of_frame(place: PointMap, recording: Recording, row: int) -> CameraModel | None:
-    """The camera of a frame: its own intrinsics, or those that the map found for its size.
+def cameras_of_frames(place: PointMap, recording: Recording) -> dict[int, CameraModel]:
+    """The cameras of a recording's images, by row of its frames.
+
+    They are as the map has them: by every frame's own intrinsics, or shared by all images of about
+    the same focal length. Phones that stabilize the lens state a principal point that moves by
+    ten pixels; poses are consistent where map and image are treated alike. Where intrinsics are not
+    known, those that the map found for images of this size serve.
 
     Returns:
-        None where the image cannot be read.
+        Without images that cannot be read.
 
     Raises:
-        FormatError: Neither is known.
+        FormatError: The intrinsics of an image are not known, and the map has none of its size.
     """
-    probe = probe_image(recording.image_path(row))
-    if probe.obstacle is not None:
-        return None
-    camera = pinhole(recording.frames.intrinsics.at(row), probe.width, probe.height)
-    if camera is not None:
-        return camera
-    for camera in place.header.cameras:
-        if (camera.width, camera.height) == (probe.width, probe.height):
-            return camera
-    raise FormatError(
-        recording.folder / FRAMES_FILE,
-        "expected a focal length, got none, and the map has no camera of this image's size "
-        f"({probe.width}x{probe.height}): import the recording with focal_px",
-        int(recording.frames.lines[row]),
-    )
+    frames = recording.frames
+    probes = {
+        row: probe_image(recording.image_path(row))
+        for row in np.flatnonzero(frames.has_image).tolist()
+    }
+    probes = {row: probe for row, probe in probes.items() if probe.obstacle is None}
+    rows = list(probes)
+    if not rows:
+        return {}
+    sizes = [(probe.width, probe.height) for probe in probes.values()]
+    stated = np.column_stack([np.asarray(column) for column in frames.intrinsics.at(rows)])
+    if place.header.shares_cameras:
+        groups = group_cameras(sizes, stated)
+        stated = np.array([[np.nan if v is None else v for v in group] for group in groups])
+    cameras = {}
+    for row, size, values in zip(rows, sizes, stated, strict=True):
+        camera = pinhole(Intrinsics(*values), *size)
+        same = [c for c in place.header.cameras if (c.width, c.height) == size]
+        if camera is None and not same:
+            raise FormatError(
+                recording.folder / FRAMES_FILE,
+                "expected a focal length, got none, and the map has no camera of this image's "
+                f"size ({size[0]}x{size[1]}): import the recording with focal_px",
+                int(frames.lines[row]),
+            )
+        cameras[row] = camera or same[0]
+    return cameras
 
 
 def tilt_deg(world_from_cam: Rigid3, vio_from_cam: Rigid3) -> float:

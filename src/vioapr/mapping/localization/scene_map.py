@@ -15,29 +15,19 @@ from numpy.typing import NDArray
 from vioapr.errors import FileError, UnwritableError
 from vioapr.mapping.colmap import load_pycolmap, read_model, registered_images
 from vioapr.mapping.features import Sift, find_features, load_opencv
-from vioapr.mapping.localization.localizer import PointMapLocalizer
+from vioapr.mapping.localization.checking import CheckedMap
 from vioapr.mapping.localization.params import PointMapParams
 from vioapr.mapping.localization.point_map import PointMap, build_point_map
 from vioapr.mapping.localization.posed_images import PosedImage
 from vioapr.mapping.localization.sources import MapSource, find_source, read_features
 from vioapr.mapping.localization.triangulation import MODEL_FOLDER, choose_pairs, triangulate
-from vioapr.mapping.localization.uncertainty import PoseSigmas, error_of, sigma_of_map
 from vioapr.scene.scene import Scene
 from vioapr.work.child import run_in_child
 from vioapr.work.locks import locked_folder
-from vioapr.work.progress import Progress, Tick, ignore, silent
+from vioapr.work.progress import Progress, Tick, silent
 
 POINT_MAP_FILE = "models/map/points.npz"
 """In a scene."""
-
-FOLDS = 5
-"""Parts of the map, each localized without itself, to see how exact answers are."""
-
-MAX_CHECKED = 60
-"""Images of the map that are localized for that."""
-
-MIN_ANSWERS = 5
-"""Fewer do not tell how exact they are."""
 
 
 def open_point_map(
@@ -85,19 +75,22 @@ def make_point_map(source: MapSource, key: str, folder: Path, progress: Progress
         # An image without features can see no point.
         images = [image for image in images if not features[image.name].problem]
         model = triangulate_apart(images, features, folder, progress)
+    seen, points_m = points_of_model(model)
     place = build_point_map(
         images,
         features,
-        *points_of_model(model),
+        seen,
+        points_m,
         key=key,
         source=source.label,
         is_gravity_aligned=source.is_gravity_aligned,
+        shares_cameras=source.model is not None,
         max_image_size=source.mapping.max_image_size,
         max_features=source.mapping.max_features,
     )
-    rows = rows_to_check(len(place.header.names))
-    with progress("checking the map", len(rows)) as tick:
-        return place.with_sigmas(measure_sigmas(place, images, features, rows, tick))
+    checked = CheckedMap(place, images, features, seen)
+    with progress("checking the map", len(checked.rows)) as tick:
+        return place.with_sigmas(checked.measure_sigmas(tick))
 
 
 def find_all_features(source: MapSource, tick: Tick) -> dict[str, Sift]:
@@ -143,53 +136,6 @@ def points_of_model(
         for name, image in registered_images(model).items()
     }
     return seen, {number: np.array(point.xyz) for number, point in model.points3D.items()}
-
-
-def rows_to_check(count: int) -> NDArray[np.intp]:
-    """Rows of a map's images that are localized to see how exact answers are."""
-    return np.unique(np.linspace(0, count - 1, min(count, MAX_CHECKED)).astype(np.intp))
-
-
-def measure_sigmas(
-    place: PointMap,
-    images: list[PosedImage],
-    features: Mapping[str, Sift],
-    rows: NDArray[np.intp],
-    tick: Tick = ignore,
-) -> PoseSigmas:
-    """Find what the map itself adds to the standard deviations of poses in it.
-
-    Images are localized in the map without a fifth of it, their own: consecutive images, so that
-    an answer comes from as far as one of a walk elsewhere in the place would.
-
-    Args:
-        place: The map, which states nothing yet.
-        images: Its images, among others.
-        features: Theirs, by name.
-        rows: Of the map's images that are localized.
-        tick: Called once an image.
-
-    Returns:
-        NaN if too few images are localized to tell.
-    """
-    localizer, count = PointMapLocalizer(place.with_sigmas(PoseSigmas(0.0, 0.0))), len(place.looks)
-    cameras = {image.name: image.camera for image in images}
-    bounds = np.linspace(0, count, min(FOLDS, count) + 1).astype(int).tolist()
-    errors, stated = [], []
-    for row in rows.tolist():
-        fold = int(np.searchsorted(bounds, row, side="right")) - 1
-        name = place.header.names[row]
-        answer = localizer.localize_features(
-            features[name], cameras[name], slice(bounds[fold], bounds[fold + 1])
-        )
-        if answer is not None:
-            errors.append(error_of(answer.world_from_cam, place.world_from_cam.at(row)))
-            stated.append(answer.sigmas)
-        tick()
-    if len(errors) < MIN_ANSWERS:
-        return PoseSigmas(np.nan, np.nan)
-    columns = zip(np.array(errors).T, np.array(stated).T, strict=True)
-    return PoseSigmas(*(sigma_of_map(error, sigma) for error, sigma in columns))
 
 
 def _is_current(path: Path, key: str) -> bool:

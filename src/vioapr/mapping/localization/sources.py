@@ -60,7 +60,7 @@ class MapSource(NamedTuple):
         poses = rigid.stack([image.world_from_cam for image in self.images])
         mapping = [self.mapping.max_image_size, self.mapping.max_features]
         return fingerprint(
-            [_VERSION, self.label, self.is_gravity_aligned, mapping],
+            [_VERSION, self.label, self.is_gravity_aligned, self.model is not None, mapping],
             [[image.name, image.camera] for image in self.images],
             [[stat.st_size, stat.st_mtime_ns] for stat in stats],
             poses.translation_m,
