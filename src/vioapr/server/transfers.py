@@ -52,6 +52,8 @@ class Transfers:
         self._change = threading.Lock()
         for made in (folder, parts):
             made.mkdir(parents=True, exist_ok=True)
+            for above in (made.parent, made.parent.parent):
+                sync(above)
 
     def ids(self) -> list[str]:
         """Ids of all transfers, in order."""
@@ -188,14 +190,15 @@ class Transfers:
             _make_folders(target.parent, self.folder)
             try:
                 put_new(part, target)
-                self._counts[id_] = count + 1
+                self._counts[id_], status = count + 1, 201
             except AlreadyExistsError:
                 # Nobody links here but on purpose, and then it is not the client's file.
-                if target.is_file() and not target.is_symlink() and hash_file(target) == sha256:
-                    return 200
-                raise Refusal(409, f"{target.name} is there with other content") from None
-        sync(target.parent)
-        return 201
+                is_file = target.is_file() and not target.is_symlink()
+                if not is_file or hash_file(target) != sha256:
+                    raise Refusal(409, f"{target.name} is there with other content") from None
+                status = 200
+        sync(target.parent)  # also of a file that another request has just put
+        return status
 
     def _check_name(self, name: str) -> None:
         if not self._is_allowed(name):
