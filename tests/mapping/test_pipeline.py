@@ -168,8 +168,12 @@ def test_recordings_that_share_no_view(small_room, copy_of):
     other = walk_arc(SMALL, 0, 8, 1.2, 1.5)
     vio = track_without_drift(rng, other.target_from_source, tracking_world(10))
     scene = add_recording(scene, "elsewhere", "train", other, vio, textured_room(99), ROOM_CAMERA)
-    with pytest.raises(MappingError, match=r"share no view: a, b \| elsewhere\. Record a walk"):
+    with pytest.raises(
+        MappingError, match=r"share no view: a, b \| elsewhere\. Record a walk"
+    ) as caught:
         map_scene(scene, QUICK)
+    assert "from the place of a or b to that of elsewhere" in str(caught.value)
+    assert "of images of a or b and elsewhere none sees the same things" in str(caught.value)
     assert not (scene.folder / "map").exists()
     summary = map_scene(scene, MappingParams(**{**vars(QUICK), "allow_partial": True}))
     lost = summary.recordings["elsewhere"]

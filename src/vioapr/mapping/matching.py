@@ -1,4 +1,4 @@
-"""Matching pairs of images, and what is connected by matches."""
+"""Matching pairs of images."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from vioapr.geometry.rigid import Rigid3, between
 from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors
@@ -20,7 +18,7 @@ from vioapr.mapping.features import image_ids, read_descriptors
 from vioapr.mapping.inputs import Located, MapImages
 from vioapr.mapping.pairs import Pairs
 from vioapr.mapping.params import MappingParams
-from vioapr.mapping.verification import MIN_INLIERS, View, make_view, verify
+from vioapr.mapping.verification import View, make_view, verify
 from vioapr.work.progress import Tick
 
 CHUNK = 50
@@ -164,24 +162,3 @@ def count_inliers(path: Path, images: MapImages, pairs: Pairs) -> NDArray[np.int
             if database.exists_two_view_geometry(*pair):
                 counts[k] = len(database.read_two_view_geometry(*pair).inlier_matches)
     return counts
-
-
-def find_islands(
-    images: MapImages, pairs: Pairs, inliers: NDArray[np.intp], ids: Sequence[str]
-) -> list[list[str]]:
-    """Group the recordings that see common things: ids, the largest group of images first.
-
-    Two recordings are of one group if images of the one match images of the other, directly or
-    by way of further recordings.
-    """
-    good = pairs[inliers >= MIN_INLIERS]
-    count = len(images)
-    graph = coo_array((np.ones(len(good)), (good[:, 0], good[:, 1])), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
-    # A recording belongs where most of its images are.
-    home = {id_: int(np.bincount(label[images.rows_of(id_)]).argmax()) for id_ in ids}
-    sizes = dict.fromkeys(home.values(), 0)
-    for id_, island in home.items():
-        sizes[island] += len(images.rows_of(id_))
-    order = sorted(sizes, key=lambda island: -sizes[island])
-    return [[id_ for id_ in ids if home[id_] == island] for island in order]

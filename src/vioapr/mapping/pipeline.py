@@ -17,7 +17,8 @@ from vioapr.mapping.colmap import load_pycolmap, open_database, read_model, writ
 from vioapr.mapping.features import extract_features, load_opencv
 from vioapr.mapping.inputs import MapImages, collect_images
 from vioapr.mapping.kept import check_map_folder
-from vioapr.mapping.matching import count_inliers, find_islands, match_pairs
+from vioapr.mapping.matching import count_inliers, match_pairs
+from vioapr.mapping.overlap import describe_gaps, describe_overlaps, find_islands, find_overlaps
 from vioapr.mapping.params import MappingParams
 from vioapr.mapping.pruning import locate, prune_pairs
 from vioapr.mapping.publishing import Results, publish
@@ -87,9 +88,9 @@ def map_scene(
         steps.run("matches", [p.sequential, p.loops, p.seed], run.match_first, int)
         steps.run("near", [p.spatial], run.match_near, int)
         matches = steps.run("pruning", [], run.prune_matches, MatchSummary)
-        run.require_one_island(matches.islands)
+        run.require_one_island(matches)
         models = steps.run("model", [p.mapper, p.refine_intrinsics], run.reconstruct, Models)
-        run.require_all_recordings(models.names[0])
+        run.require_all_recordings(models.names[0], matches)
         world = steps.run("world", [p.allow_partial], run.align, WorldSummary)
         tests = steps.run("test", [p.min_inliers], run.register_tests, list[RegisteredImage])
         results = Results(run.featureless, matches, models, world, tests, run.world)
@@ -227,17 +228,13 @@ class _Run:
             good_pairs=int((inliers >= MIN_INLIERS).sum()),
             pruned_pairs=pruned,
             islands=find_islands(self.images, chosen, inliers, self.train),
+            overlaps=find_overlaps(self.images, chosen, inliers, self.train),
         )
 
-    def require_one_island(self, islands: list[list[str]]) -> None:
+    def require_one_island(self, matches: MatchSummary) -> None:
         """Refuse recordings that share no view, unless a partial map is allowed."""
-        if len(islands) > 1 and not self.params.allow_partial:
-            raise MappingError(
-                "recordings share no view: "
-                + " | ".join(", ".join(island) for island in islands)
-                + ". Record a walk that sees both places, take one side out of splits.train in "
-                "scene.toml, or map the largest alone with allow_partial"
-            )
+        if len(matches.islands) > 1 and not self.params.allow_partial:
+            raise MappingError(describe_gaps(matches.islands, matches.overlaps))
 
     def reconstruct(self, is_resumed: bool) -> Models:
         """Make the model: from VIO if that can be trusted, otherwise by the mapper asked for."""
@@ -284,7 +281,7 @@ class _Run:
         choice = self.params.refine_intrinsics
         return choice == "yes" or (choice == "auto" and not is_known)
 
-    def require_all_recordings(self, mapped: list[str]) -> None:
+    def require_all_recordings(self, mapped: list[str], matches: MatchSummary) -> None:
         """Refuse a map without some training recording, unless a partial map is allowed."""
         names = set(mapped)
         rows = [row for row, name in enumerate(self.images.names) if name in names]
@@ -292,10 +289,12 @@ class _Run:
         lost = [id_ for id_ in self.train if id_ not in inside]
         if lost and not self.params.allow_partial:
             kept = [id_ for id_ in self.train if id_ in inside]
+            shared = describe_overlaps(lost, matches.overlaps)
             raise MappingError(
                 f"no image of {', '.join(lost)} could be placed in the map of {', '.join(kept)}: "
-                "they share too few views. Record a walk that sees both places, take them out of "
-                "splits.train in scene.toml, or go on without them with allow_partial"
+                f"they share too few views (compared pairs that see the same: {shared}). Record a "
+                "walk that sees both places, looking the way these recordings do, take them out "
+                "of splits.train in scene.toml, or go on without them with allow_partial"
             )
 
     def align(self, is_resumed: bool) -> WorldSummary:

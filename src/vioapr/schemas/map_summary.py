@@ -91,6 +91,22 @@ class WorldSummary(Record, frozen=True):
     georeference: Georeference | str | None
 
 
+class Overlap(Record, frozen=True):
+    """The views that two training recordings share.
+
+    Attributes:
+        recordings: Their ids.
+        compared: Number of pairs of their images that were compared: those that look alike.
+        good: Number of those that see the same things.
+        best: Names of the two images with the most in common, none if there are no such.
+    """
+
+    recordings: list[str]
+    compared: int
+    good: int
+    best: list[str]
+
+
 class MatchSummary(Record, frozen=True):
     """The matches of the training images.
 
@@ -99,12 +115,14 @@ class MatchSummary(Record, frozen=True):
         good_pairs: Number of those that see the same things.
         pruned_pairs: Number of those that were taken out because they contradict VIO.
         islands: Ids of the recordings that share views, the largest group of images first.
+        overlaps: Between every two training recordings.
     """
 
     pairs: int
     good_pairs: int
     pruned_pairs: int
     islands: list[list[str]]
+    overlaps: list[Overlap] = msgspec.field(default_factory=list[Overlap])
 
 
 class CameraSummary(Record, frozen=True):

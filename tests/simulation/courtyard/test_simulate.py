@@ -157,6 +157,12 @@ def test_plans_cover_both_splits():
     assert single[0].tracker_events.lost_s is not None
 
 
+def test_short_recordings_walk_the_same_way():
+    plans = plan_recordings(PRESETS["small"])
+    assert {(plan.route, plan.backwards) for plan in plans} == {("around", False)}
+    assert len({plan.weather for plan in plans}) == 3
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [("train", 0), ("test", -1), ("duration_s", 0.5), ("rate_hz", float("nan")), ("width_px", 8)],

@@ -38,6 +38,9 @@ class CourtyardParams:
     """Passers-by in each recording."""
     texture_px_per_m: float = 64.0
     """Density of the walls' pictures: less is made sooner."""
+    same_way: bool = False
+    """Whether all recordings walk one route the same way round, so that even short ones share
+    views, and can be mapped."""
 
     def __post_init__(self) -> None:
         lowest = {"train": 1, "test": 0, "width_px": 32, "height_px": 32, "people": 0}
@@ -70,7 +73,7 @@ PRESETS = {
     "full": CourtyardParams(),
     "small": CourtyardParams(
         train=2, test=1, duration_s=10.0, width_px=192, height_px=144, people=4,
-        texture_px_per_m=24.0,
+        texture_px_per_m=24.0, same_way=True,
     ),
 }  # fmt: skip
 """By name: the whole scene, and one that is made in seconds, for tests and demonstrations."""
@@ -110,6 +113,10 @@ _TEST = (
 )  # fmt: skip
 
 
+SHARED_ROUTE = "around"
+"""The route of recordings that walk the same way."""
+
+
 def plan_recordings(params: CourtyardParams) -> list[Plan]:
     """Plan recordings by routes and weathers in turn; the second loses track, the third jumps.
 
@@ -118,6 +125,8 @@ def plan_recordings(params: CourtyardParams) -> list[Plan]:
     """
     chosen = [("train", *_in_turn(_TRAIN, i)) for i in range(params.train)]
     chosen += [("test", *_in_turn(_TEST, i)) for i in range(params.test)]
+    if params.same_way:
+        chosen = [(split, SHARED_ROUTE, False, weather) for split, _, _, weather in chosen]
     loses, jumps = min(1, len(chosen) - 1), min(2, len(chosen) - 1)
     plans = []
     for number, (split, route, backwards, weather) in enumerate(chosen):
