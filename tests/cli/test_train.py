@@ -23,6 +23,7 @@ from vioapr.fusion.calibrated import read_calibration  # noqa: E402
 from vioapr.regression.checkpoint import load_tensors, save_regressor  # noqa: E402
 from vioapr.regression.networks import build  # noqa: E402
 from vioapr.regression.networks.efficientnet_lite import EfficientNetLite0  # noqa: E402
+from vioapr.regression.pretrained import has_pretrained, has_xfeat  # noqa: E402
 from vioapr.scene.scene import Scene  # noqa: E402
 from vioapr.schemas.regressor import RegressorHeader, StateHeader  # noqa: E402
 
@@ -380,3 +381,23 @@ def test_ground_truth_beside_predictions_follows_the_scene_but_not_over_the_user
     path.write_text("0 0 0 0 0 0 0 1\n")
     assert "gt.tum: exists, and vioapr did not write it" in fails(*arguments)
     assert path.read_text() == "0 0 0 0 0 0 0 1\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["retrieval", "points"])
+def test_fitted_models(model, run, fails, scene, tmp_path):
+    if not (has_pretrained() and has_xfeat()):
+        pytest.skip("the weights of the extra `points` are not installed")
+    out = tmp_path / "fitted"
+    words = ["train", scene.folder, "--model", model, "--out", out]
+    code, text, err = run(*words)
+    assert code == 0, err
+    assert "fitted in" in text
+    assert "exists: name another folder by --out" in fails(*words)
+    walks = tmp_path / "walks"
+    code, _, err = run("predict", scene.folder, "--model", out, "--out", walks, "--name", "net")
+    assert code == 0, err
+    assert len(read_trajectory(walks / "test-1" / "apr_net.tum")) == FRAMES
+    assert "is not trained" in fails(*words[:-1], tmp_path / "other", "--epochs", 3)
+    other = {"retrieval": "--map-mb", "points": "--index-mb"}[model]
+    assert other in fails(*words[:-1], tmp_path / "other", other, 1)

@@ -80,10 +80,13 @@ def store_weights(
         is_transposed = any(a.name == "transB" and a.i for a in node.attribute)
         if node.op_type == "MatMul" or (node.op_type == "Gemm" and not is_transposed):
             products.add(node.input[1])
+    # Rows that are looked up are no weights: poses in 8 bits would be off by decimetres.
+    tables = {node.input[0] for node in model.graph.node if node.op_type == "Gather"}
     kept, nodes = [], []
     for tensor in network.graph.initializer:
         values = numpy_helper.to_array(tensor)
-        if tensor.data_type != TensorProto.FLOAT or values.size < _SMALLEST:
+        is_weight = tensor.data_type == TensorProto.FLOAT and tensor.name not in tables
+        if not is_weight or values.size < _SMALLEST:
             kept.append(tensor)
             continue
         axis = values.ndim - 1 if tensor.name in products else 0

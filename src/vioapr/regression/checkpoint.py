@@ -22,6 +22,7 @@ from vioapr.errors import (
     UnwritableError,
 )
 from vioapr.files.atomic import replacing, write_atomically
+from vioapr.regression.model_card import card_of, model_card
 from vioapr.regression.networks import PoseNetwork, build
 from vioapr.regression.networks.efficientnet_lite import EfficientNetLite0
 from vioapr.schemas.base import Document, DocumentType, decode, encode
@@ -55,13 +56,14 @@ class LoadedRegressor:
 def save_regressor(
     path: Path, network: PoseNetwork, spec: RegressorSpec, trained: Trained | None = None
 ) -> None:
-    """Write a regressor, whole or not at all.
+    """Write a regressor, whole or not at all, and its model card beside it.
 
     Raises:
         UnwritableError: It cannot be written; what was there stays.
     """
     header = RegressorHeader(spec=spec, trained=trained or Trained())
     save_tensors(path, dict(network.state_dict()), header)
+    write_atomically(card_of(path), model_card(spec, header.trained).encode())
 
 
 def load(path: Path) -> LoadedRegressor:

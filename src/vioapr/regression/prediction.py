@@ -24,7 +24,7 @@ from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import Scene
 from vioapr.trajectory import Trajectory
 
-_MEDIAN_OF_MEAN = 0.891
+MEDIAN_OF_MEAN = 0.891
 """Median of the mean of three absolute values of Laplace's distribution of size 1: a third of
 a gamma-distributed number of shape 3."""
 
@@ -108,8 +108,8 @@ def validate(network: PoseNetwork, samples: Samples, crop: int) -> dict[str, flo
         "position_m": median_m,
         "orientation_deg": float(np.degrees(median_rad)),
         "score": median_m / float(network.size_m.mean()) + median_rad,
-        "sigma_position": float(np.median(ratio_m) / _MEDIAN_OF_MEAN),
-        "sigma_orientation": float(np.median(ratio_rad) / _MEDIAN_OF_MEAN),
+        "sigma_position": float(np.median(ratio_m) / MEDIAN_OF_MEAN),
+        "sigma_orientation": float(np.median(ratio_rad) / MEDIAN_OF_MEAN),
     }
 
 

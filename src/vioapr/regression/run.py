@@ -14,7 +14,7 @@ from vioapr.regression.checkpoint import load_backbone_weights
 from vioapr.regression.data import PosedFrames, Samples, load_samples, split_frames
 from vioapr.regression.networks import PoseNetwork, build
 from vioapr.regression.params import TrainingParams
-from vioapr.regression.pretrained import LITE0, find_pretrained
+from vioapr.regression.pretrained import LITE0, LITE0_NOTICE, find_pretrained
 from vioapr.regression.watch import Watch
 from vioapr.scene.scene import Scene
 from vioapr.schemas.regressor import REGRESSOR_FILE, STATE_FILE, RegressorSpec
@@ -32,6 +32,7 @@ class Run(NamedTuple):
         params: The loop's.
         tick: Called after every step.
         watch: Told how it goes, or None.
+        weights: Where the backbone's first weights come from; None for random ones.
     """
 
     spec: RegressorSpec
@@ -42,6 +43,7 @@ class Run(NamedTuple):
     params: TrainingParams
     tick: Callable[[], object] = lambda: None
     watch: Watch | None = None
+    weights: str | None = None
 
 
 class ChosenFrames(NamedTuple):
@@ -113,8 +115,9 @@ def prepare_run(
     torch.manual_seed(params.seed)
     # Before the images, which can take minutes: wrong weights are known at once.
     network = build(spec)
+    origin = None if weights is None else f"Backbone: weights of the file {weights.name}."
     if weights is None and spec.model == LITE0:
-        weights = find_pretrained(f"model {LITE0}")
+        weights, origin = find_pretrained(f"model {LITE0}"), LITE0_NOTICE
     if weights is not None:
         load_backbone_weights(network, weights)
     samples = load_samples(scenes, frames.learning, spec.resize, tick)
@@ -122,7 +125,7 @@ def prepare_run(
     if frames.validating:
         validation = load_samples(scenes, frames.validating, spec.resize, tick)
     set_units(network, samples)
-    return Run(spec, network, samples, validation, folder, params)
+    return Run(spec, network, samples, validation, folder, params, weights=origin)
 
 
 def set_units(network: PoseNetwork, samples: Samples) -> None:

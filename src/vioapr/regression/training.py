@@ -312,6 +312,8 @@ def save_best(run: Run, network: PoseNetwork, journal: Journal) -> None:
     if last.validation_sigma_position is not None:
         factors = [last.validation_sigma_position, last.validation_sigma_orientation]
         network.sigma_scale *= torch.tensor(factors, device=before.device)
-    trained = Trained(len(journal.epochs), run.params.to_json(), last, len(run.samples))
+    trained = Trained(
+        len(journal.epochs), run.params.to_json(), last, len(run.samples), run.weights
+    )
     save_regressor(run.folder / REGRESSOR_FILE, network, run.spec, trained)
     network.sigma_scale.copy_(before)

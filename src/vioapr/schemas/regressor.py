@@ -7,7 +7,9 @@ for people, and for a quick look without PyTorch.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal
+
+import msgspec
 
 from vioapr.errors import ParameterError
 from vioapr.schemas.base import Document, Record
@@ -28,6 +30,53 @@ def note_of(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
+LeftOutKind = Literal["recordings", "parts", "validation"]
+
+
+class RetrievalShape(Record, frozen=True):
+    """The size of an index of training images.
+
+    Attributes:
+        views: Images in it.
+        components: Numbers that describe each.
+        neighbours: Most similar images that a pose is interpolated from.
+    """
+
+    views: Annotated[int, msgspec.Meta(ge=1)]
+    components: Annotated[int, msgspec.Meta(ge=1)]
+    neighbours: Annotated[int, msgspec.Meta(ge=1)] = 5
+
+    def __post_init__(self) -> None:
+        if self.neighbours > self.views:
+            raise ParameterError(
+                f"neighbours: expected at most the {self.views} views, got {self.neighbours}"
+            )
+
+
+class PointsShape(Record, frozen=True):
+    """The size of a map of points.
+
+    Attributes:
+        views: Pictures in it.
+        retrieval: The index that finds them.
+        points: Of each picture.
+        keypoints: Of the image that is asked for.
+        neighbours: Views that are compared with it.
+    """
+
+    views: Annotated[int, msgspec.Meta(ge=1)]
+    retrieval: RetrievalShape
+    points: Annotated[int, msgspec.Meta(ge=64)] = 256
+    keypoints: Annotated[int, msgspec.Meta(ge=64)] = 1024
+    neighbours: Annotated[int, msgspec.Meta(ge=1)] = 10
+
+    def __post_init__(self) -> None:
+        if self.neighbours > self.views:
+            raise ParameterError(
+                f"neighbours: expected at most the {self.views} views, got {self.neighbours}"
+            )
+
+
 class RegressorSpec(Record, frozen=True):
     """All that one must know to build a regressor's network and to feed it.
 
@@ -39,6 +88,8 @@ class RegressorSpec(Record, frozen=True):
         crop: The network sees the middle crop x crop pixels of them.
         dropout: While training; None for the model's own.
         orientation_layers: Of MS-Transformer's second transformer.
+        retrieval: Of model `retrieval` alone.
+        points: Of model `points` alone.
     """
 
     model: str
@@ -48,6 +99,8 @@ class RegressorSpec(Record, frozen=True):
     crop: int = 224
     dropout: float | None = None
     orientation_layers: int = 6
+    retrieval: RetrievalShape | msgspec.UnsetType = msgspec.UNSET
+    points: PointsShape | msgspec.UnsetType = msgspec.UNSET
 
     def __post_init__(self) -> None:
         if not self.scenes:
@@ -90,6 +143,47 @@ class EpochRecord(Record, frozen=True, omit_defaults=True):
     validation_sigma_orientation: float | None = None
 
 
+class FittedIndex(Record, frozen=True):
+    """How an index of training images was fitted, and how far off it is on what it left out.
+
+    Attributes:
+        candidates: Images that were described, of which the index's views were chosen.
+        left_out: What was left out of the index in turn, to measure by: `recordings`, `parts` of
+            the only recording, or `validation` recordings.
+        position_m: Median error on what was left out.
+        orientation_deg: Median error.
+        seconds: That it took.
+    """
+
+    candidates: int
+    left_out: LeftOutKind
+    position_m: float
+    orientation_deg: float
+    seconds: float
+
+
+class FittedMap(Record, frozen=True):
+    """How a map of points was fitted, and how far off it is on what it left out.
+
+    Attributes:
+        views: Pictures in it.
+        points: Of all views together.
+        left_out: See `FittedIndex`.
+        position_m: Median error where it is sure; None if nowhere.
+        orientation_deg: Median error where it is sure.
+        sure: Share of the images left out where it is.
+        seconds: That it took.
+    """
+
+    views: int
+    points: int
+    left_out: LeftOutKind
+    position_m: float | None
+    orientation_deg: float | None
+    sure: float
+    seconds: float
+
+
 class Trained(Record, frozen=True, omit_defaults=True):
     """The origin of a regressor, for people.
 
@@ -98,12 +192,19 @@ class Trained(Record, frozen=True, omit_defaults=True):
         params: The training's parameters.
         last_epoch: Of the same number.
         images: How many there were to learn from.
+        weights: Where the backbone's first weights come from, and their licence; None for random
+            ones.
+        index: Of model `retrieval`.
+        map: Of model `points`.
     """
 
     epoch: int | None = None
     params: Settings | None = None
     last_epoch: EpochRecord | None = None
     images: int | None = None
+    weights: str | None = None
+    index: FittedIndex | None = None
+    map: FittedMap | None = None
 
 
 class RegressorHeader(Document, frozen=True, kw_only=True):

@@ -11,14 +11,15 @@ from vioapr.regression.networks.mobilenet import MobileNetV3Large
 from vioapr.regression.networks.ms_transformer import MSTransformer
 from vioapr.regression.networks.posenet import PoseNet
 from vioapr.regression.networks.resnet import ResNet34
+from vioapr.regression.networks.retrieval import RetrievalNetwork
 from vioapr.regression.networks.rotation import ROTATION_CODES
 from vioapr.regression.networks.timm_backbone import TIMM_PREFIX, TimmBackbone
-from vioapr.regression.pretrained import LITE0
-from vioapr.schemas.regressor import RegressorSpec
+from vioapr.regression.pretrained import LITE0, POINTS, RETRIEVAL
+from vioapr.schemas.regressor import PointsShape, RegressorSpec, RetrievalShape
 
 __all__ = ["MODELS", "PoseNetwork", "Prediction", "Raw", "build", "check_model"]
 
-MODELS = ("posenet", "ms-transformer", "mobile", LITE0)
+MODELS = ("posenet", "ms-transformer", "mobile", LITE0, RETRIEVAL, POINTS)
 """Names besides `timm:<name>`."""
 
 _DROPOUT = {"posenet": 0.5, "ms-transformer": 0.1, "mobile": 0.2, LITE0: 0.2}
@@ -57,6 +58,16 @@ def build(spec: RegressorSpec) -> PoseNetwork:
             f"model {spec.model} learns one scene, got {len(spec.scenes)}: "
             f"train one model a scene, or use ms-transformer"
         )
+    if spec.model == RETRIEVAL:
+        if not isinstance(spec.retrieval, RetrievalShape):
+            raise ParameterError(f"model {RETRIEVAL}: expected the size of its index, got none")
+        return RetrievalNetwork(spec.retrieval)
+    if spec.model == POINTS:
+        from vioapr.regression.points.network import PointsNetwork
+
+        if not isinstance(spec.points, PointsShape):
+            raise ParameterError(f"model {POINTS}: expected the size of its map, got none")
+        return PointsNetwork(spec.points)
     if spec.model == "mobile":
         channels = MobileNetV3Large.CHANNELS
         return PoseNet(MobileNetV3Large(), channels, 1280, nn.Hardswish, dropout, code)
