@@ -73,8 +73,8 @@ def calibrate(
             them; or, with --model, one scene with ground truth.
         out: File to write, e.g. calibration.toml.
         model: A regressor's file, or the folder that `vioapr train` left it in: the scene's images
-            are predicted first, as `vioapr predict` does. Or what `vioapr export` wrote, to predict
-            without PyTorch.
+            are predicted first, as `vioapr predict` does. Or the word map, as there. Or what
+            `vioapr export` wrote, to predict without PyTorch.
         split: With --model: which recordings. Errors on those that the regressor was trained with
             are too small.
         trackers: Only these, separated by commas; by default all.
