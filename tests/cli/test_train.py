@@ -75,7 +75,8 @@ def test_from_training_to_evaluation(run, scene, tmp_path):
     folder = scene.folder / "models" / "mobile"
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        "regressor.safetensors", "regressor.json", "state.safetensors", "state.json", "tensorboard",
+        "regressor.safetensors", "regressor.json", "MODEL_CARD.md", "state.safetensors",
+        "state.json", "tensorboard",
     }  # fmt: skip
     assert (scene.folder / ".cache" / "images-36" / "train-1.npy").exists()
     assert "2 epochs" in out
