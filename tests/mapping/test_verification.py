@@ -59,7 +59,7 @@ def test_a_wrong_guess_does_no_harm(rng):
 
 @pytest.mark.parametrize("count", [20, 60, 200, 600])
 def test_matches_by_chance_are_no_common_view(count):
-    """Of images 480 pixels long, 15 of 200 matches by chance agree on some geometry."""
+    """However many there are, no geometry that some of them agree on counts."""
     for seed in range(5):
         rng = np.random.default_rng(seed)
         first, second, matches = two_views(rng, common=0, different=count)
