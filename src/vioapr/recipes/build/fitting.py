@@ -7,8 +7,9 @@ from pathlib import Path
 
 from vioapr.recipes.build.params import BuildParams
 from vioapr.regression.params import TrainingParams, batches_of_epoch
+from vioapr.regression.pretrained import FITTED
 from vioapr.scene.scene import Scene
-from vioapr.schemas.regressor import STATE_FILE, RegressorSpec
+from vioapr.schemas.regressor import REGRESSOR_FILE, STATE_FILE, RegressorSpec
 from vioapr.work.progress import Progress
 
 
@@ -41,6 +42,9 @@ def fit(
     if not is_resumed and folder.exists():
         shutil.rmtree(folder)
     check_model(model)
+    if model in FITTED:
+        _fit_at_once(scene, model, folder, progress)
+        return
     spec = RegressorSpec(model, (scene.name,), resize=params.resize, crop=params.crop)
     training = TrainingParams(epochs=params.epochs, seed=params.seed)
     frames = choose_frames([scene])
@@ -49,3 +53,16 @@ def fit(
     steps = params.epochs * batches_of_epoch(len(run.samples), training.batch_size).count
     with progress(f"training {model}", steps) as tick:
         train(run._replace(tick=tick), resume=(folder / STATE_FILE).exists())
+
+
+def _fit_at_once(scene: Scene, model: str, folder: Path, progress: Progress) -> None:
+    """Fit a model that is not trained; a killed one begins again, which takes minutes at most."""
+    from vioapr.regression.checkpoint import save_regressor
+    from vioapr.regression.fitting import prepare_fit
+    from vioapr.regression.run import choose_frames
+
+    fit = prepare_fit(model, scene.name, choose_frames([scene]))
+    with progress(f"fitting {model}", fit.images) as tick:
+        fitted = fit.run(tick)
+    folder.mkdir(parents=True, exist_ok=True)
+    save_regressor(folder / REGRESSOR_FILE, fitted.network, fitted.spec, fitted.trained)

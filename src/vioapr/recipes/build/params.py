@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vioapr.errors import ParameterError
-from vioapr.regression.pretrained import LITE0, has_pretrained
+from vioapr.regression.pretrained import LITE0, POINTS, RETRIEVAL, has_pretrained, has_xfeat
 
 
 @dataclass(frozen=True)
@@ -13,14 +13,15 @@ class BuildParams:
     """What localizer is built, and how long is taken for it."""
 
     model: str = ""
-    """Regressor, as `vioapr train` calls it; by default efficientnet-lite0 where its weights are
-    installed (extra pretrained), else posenet."""
+    """Regressor, as `vioapr train` calls it; by default retrieval, which takes seconds, where its
+    weights are installed (extra pretrained), else posenet."""
     refine: bool = False
-    """Then train another one, while the first can be used, and keep the better of both."""
+    """Then make another one, while the first can be used, and keep the better of both."""
     refine_model: str = ""
-    """Regressor to refine with; by default as for --model."""
+    """Regressor to refine with; by default points where its weights are installed (extra points),
+    else efficientnet-lite0."""
     epochs: int = 60
-    """Times that every image is learned from."""
+    """Times that every image is learned from, by what is trained; so are the sizes."""
     resize: int = 256
     """Size to which images are resized, pixels."""
     crop: int = 224
@@ -42,8 +43,11 @@ class BuildParams:
     @property
     def models(self) -> list[str]:
         """The regressors to fit, in order, each once."""
-        network = LITE0 if has_pretrained() else "posenet"
-        wanted = [self.model or network, *([self.refine_model or network] if self.refine else [])]
+        wanted = [self.model or (RETRIEVAL if has_pretrained() else "posenet")]
+        if self.refine:
+            trained = LITE0 if has_pretrained() else "posenet"
+            better = POINTS if has_pretrained() and has_xfeat() else trained
+            wanted.append(self.refine_model or better)
         return list(dict.fromkeys(wanted))
 
     def inputs_of(self, model: str) -> list[object]:
