@@ -211,7 +211,7 @@ def common_camera(camera: NDArray[np.float64]) -> NDArray[np.float64]:
     if off > _CAMERA_TOLERANCE:
         raise TrainingError(
             "model points: expected images of one camera, found cameras that differ by "
-            f"{off:.0%} of the image's size: choose recordings of one phone (--recordings)"
+            f"{off:.0%} of the image's size: make a scene of one phone's recordings"
         )
     return middle
 
