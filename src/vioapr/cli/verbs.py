@@ -46,7 +46,7 @@ GROUPS: dict[str, dict[str, Verb]] = {
         "map": Verb("map_scene", "map_", "Make a metric, upright map and ground truth"),
     },
     "A localizer of the place": {
-        "build": Verb("build", "build", "Check, map, train, measure and export in one go"),
+        "build": Verb("build", "build", "Check, map, fit, measure and export in one go"),
         "train": Verb("train", "train", "Train a pose regressor on recordings of scenes"),
         "predict": Verb("predict", "predict", "Predict the poses of a scene's images"),
     },

@@ -156,7 +156,8 @@ class BuildRequest(Record, frozen=True, kw_only=True, forbid_unknown_fields=True
     """A localizer that is to be built of a scene.
 
     Attributes:
-        refine: Whether to train another one, while the first can be used, and keep the better.
+        refine: Whether to make another one (points, where their weights are installed), while the
+            first can be used, and keep the better.
     """
 
     refine: bool = False
