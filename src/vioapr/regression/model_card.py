@@ -26,8 +26,15 @@ _LIMITS = """\
 - It knows the places that it was shown, by the light and weather that it was shown; its stated
   uncertainty grows with what is unlike them, but says nothing certain about other places.
 - One image alone is never proof: `vioapr export` puts fusion with odometry behind it.
-- It takes pictures of the field of view that it was shown: crops of another shape cost accuracy.
 """
+_FIELD_OF_VIEW = (
+    "- It takes pictures of the field of view that it was shown: crops of another shape cost "
+    "accuracy."
+)
+_CAMERA = (
+    "- It takes pictures of the camera that it was shown: with another lens, format or zoom, poses "
+    "are wrong, and it does not notice."
+)
 
 
 def describe_index(spec: RegressorSpec, index: FittedIndex) -> list[str]:
@@ -99,7 +106,8 @@ def model_card(spec: RegressorSpec, trained: Trained) -> str:
             f"{last.validation_orientation_deg:.2f} deg on the validation recordings, which also "
             "chose the epoch"
         )
-    lines += ["", "## Limits", "", _LIMITS]
+    seen = _FIELD_OF_VIEW if trained.map is None else _CAMERA
+    lines += ["", "## Limits", "", f"{_LIMITS}{seen}", ""]
     if trained.weights is not None:
         lines += ["## Notice", "", f"{trained.weights}", ""]
     return "\n".join(lines)
