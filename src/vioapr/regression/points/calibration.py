@@ -23,8 +23,8 @@ _WRONG_M, _WRONG_DEG = 0.5, 5.0
 """Error of a pose that is not of this place."""
 
 _MOST_WRONG = 0.01
-_MEDIAN_OF_THREE = 1.538
-"""Median length of three normal numbers of deviation 1."""
+_QUANTILES = {0.5: 1.538, 0.9: 2.500}
+"""Of the length of three normal numbers of deviation 1: tails are to be covered, too."""
 
 _MOST_FACTOR = 20.0
 
@@ -87,8 +87,9 @@ def calibrate_points(
     network.least_inliers.fill_(least)
     if not is_sure.any():
         return PointsError(None, None, 0.0)
-    ratio = np.median(errors[is_sure] / np.stack(sigmas)[is_sure], axis=0) / _MEDIAN_OF_THREE
-    factor = np.clip(ratio, 1 / _MOST_FACTOR, _MOST_FACTOR)
+    ratios = errors[is_sure] / np.stack(sigmas)[is_sure]
+    factors = [np.quantile(ratios, share, axis=0) / size for share, size in _QUANTILES.items()]
+    factor = np.clip(np.max(factors, axis=0), 1 / _MOST_FACTOR, _MOST_FACTOR)
     network.sigma_factor.copy_(torch.from_numpy(factor))
     middle = np.median(errors[is_sure], axis=0)
     return PointsError(float(middle[0]), float(np.rad2deg(middle[1])), float(is_sure.mean()))
