@@ -166,7 +166,7 @@ def wide(exporter_of):
 
 @pytest.mark.parametrize(("precision", "share"), [("fp16w", 0.55), ("int8w", 0.35)])
 def test_smaller_weights(precision, share, wide):
-    plain, small = wide.export_split()[0], wide.export_split(precision)[0]
+    plain, small = wide.export_apr(), wide.export_apr(precision)
     assert len(small.content) < share * len(plain.content)
     assert small.contract.precision == precision
     image = next(images(1))
@@ -183,8 +183,8 @@ def test_static_quantization_keeps_the_pose(wide):
     def calibration():
         return [wide.preprocess(torch.from_numpy(image)).numpy() for image in images(20)]
 
-    plain = wide.export_split()[0]
-    quantized = wide.export_split("int8-qdq", calibration)[0]
+    plain = wide.export_apr()
+    quantized = wide.export_apr("int8-qdq", calibration)
     used = {node.op_type for node in onnx.load_from_string(quantized.content).graph.node}
     assert {"QuantizeLinear", "DequantizeLinear"} <= used
     feed = {"image": next(images(1, seed=9)), "has_image": np.ones(1, dtype=np.float32)}
@@ -209,7 +209,7 @@ def test_unportable_networks_and_methods_are_refused(exporter_of):
     method = METHODS["vio-apr"]
     exporter = Exporter(Unportable().eval(), TinySpec(), method, method.params_type())
     with pytest.raises(VioAprError, match="Asinh"):
-        exporter.export_split()
+        exporter.export_apr()
     graph = METHODS["pose-graph"]
     with pytest.raises(ParameterError, match="method: expected .* got 'pose-graph'"):
         Exporter(TinyNetwork(), TinySpec(), graph, graph.params_type())

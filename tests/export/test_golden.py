@@ -74,7 +74,7 @@ def test_onnxruntime(name, exporter_of, tmp_path):
     from vioapr.runtime.session import open_session
 
     path = tmp_path / "fusion.onnx"
-    path.write_bytes(exporter_of(name).export_split()[1].content)
+    path.write_bytes(exporter_of(name).export_fusion().content)
     session, contract = open_session(path)
     values = [spec.default for spec in contract.params]
     state = np.zeros(contract.state_size, dtype=np.float32)

@@ -64,7 +64,7 @@ def overlay(
         params: What is shown.
 
     Example:
-        vioapr overlay courtyard/recordings/test-01 --poses fused.csv --out overlay.png
+        vioapr overlay yard/recordings/test-01 --poses fused.csv --out overlay.png
     """
     check_ending(out)
     if anchors is not None and save_anchors is not None:

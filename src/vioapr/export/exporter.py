@@ -108,8 +108,7 @@ class Exporter:
         rename_input(fusion, "has_apr", "has_image")
         contract = describe_localizer(*self._contracts(precision))
         parts = {"preprocess": self._traced_preprocess, "network": network, "fusion": fusion}
-        model = join(parts, contract.output_names)
-        return ExportedFile(finish(model, contract), contract)
+        return _file(parts, contract)
 
     def export_split(
         self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
@@ -120,19 +119,31 @@ class Exporter:
             precision: See `change_precision`.
             calibration: Gives network inputs, see `change_precision`.
         """
-        network = self._network(precision, calibration)
-        apr, fusion = self._contracts(precision)
-        carry = describe_carry(fusion)
-        made = (
-            (apr, {"preprocess": self._traced_preprocess, "network": network}),
-            (fusion, {"fusion": self._traced_fusion}),
-            (carry, {"carry": self._traced_carry}),
+        return (
+            self.export_apr(precision, calibration),
+            self.export_fusion(precision),
+            self.export_carry(precision),
         )
-        first, second, third = (
-            ExportedFile(finish(join(parts, contract.output_names), contract), contract)
-            for contract, parts in made
-        )
-        return first, second, third
+
+    def export_apr(
+        self, precision: str = "fp32", calibration: Callable[[], list[Any]] | None = None
+    ) -> ExportedFile:
+        """Export the regressor alone; see `export_split`."""
+        parts = {
+            "preprocess": self._traced_preprocess,
+            "network": self._network(precision, calibration),
+        }
+        regressor = Regressor(self.spec.model, self.spec.scenes)
+        return _file(parts, describe_apr(self.preprocess, regressor, precision))
+
+    def export_fusion(self, precision: str = "fp32") -> ExportedFile:
+        """Export fusion alone, for a regressor of a precision."""
+        return _file({"fusion": self._traced_fusion}, self._contracts(precision)[1])
+
+    def export_carry(self, precision: str = "fp32") -> ExportedFile:
+        """Export fusion of frames without prediction alone."""
+        contract = describe_carry(self._contracts(precision)[1])
+        return _file({"carry": self._traced_carry}, contract)
 
     def _contracts(self, precision: str) -> tuple[Contract, Contract]:
         regressor = Regressor(self.spec.model, self.spec.scenes)
@@ -177,6 +188,10 @@ class Exporter:
     @property
     def _fused_names(self) -> tuple[str, ...]:
         return self._fusion_and_names[1]
+
+
+def _file(parts: dict[str, onnx.ModelProto], contract: Contract) -> ExportedFile:
+    return ExportedFile(finish(join(parts, contract.output_names), contract), contract)
 
 
 def trace_fusion(fusion: FusionGraph) -> tuple[onnx.ModelProto, tuple[str, ...]]:

@@ -25,6 +25,10 @@ _SHARPNESS = (1.0, 5.0, 10.0, 20.0)
 _SMALLEST = 1e-4
 """Error below which answers are equally good, in the scene's unit and in rad."""
 
+_TENTH = 1.774
+"""What the mean of three absolute values of Laplace's distribution of size 1 exceeds in one case of
+ten."""
+
 _MOST = 2.0
 """Largest power of a cue that an uncertainty follows; the least is none."""
 
@@ -117,7 +121,8 @@ def _fit_scale(cues: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray
     """Fit the logarithm of an error's scale as a weighted sum of cues, shape (CUES,).
 
     By the likelihood of Laplace's distribution, with a weak prior of no dependence. Then the
-    typical error is made to be what is said, as validation does for networks.
+    typical error is made to be what is said, as validation does for networks, or the error that one
+    in ten exceeds, where that is larger: who is fused by what they say must cover their tails.
 
     Args:
         cues: Shape (m, CUES).
@@ -135,5 +140,6 @@ def _fit_scale(cues: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray
     start = np.append(np.log(error.mean()), np.zeros(CUES - 1))
     bounds = [(None, None), *[(0.0, _MOST)] * (CUES - 1)]
     weight = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds).x
-    weight[0] += np.log(np.median(error * np.exp(-cues @ weight)) / MEDIAN_OF_MEAN)
+    ratio = error * np.exp(-cues @ weight)
+    weight[0] += np.log(max(np.median(ratio) / MEDIAN_OF_MEAN, np.quantile(ratio, 0.9) / _TENTH))
     return weight
