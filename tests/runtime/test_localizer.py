@@ -198,3 +198,24 @@ def test_a_file_of_version_1_still_runs(model_of, walk, tmp_path):
     assert found.display_from_vio is None
     with pytest.raises(ContractError, match="contract version 1, .* export it again"):
         old.update(9.0, IMAGE, POSE, image_timestamp_s=8.0, image_vio_from_cam=vio_pose(walk, 6))
+
+
+def test_images_of_another_camera_are_named(model_of, tmp_path):
+    from msgspec import UNSET, structs
+
+    from vioapr.runtime.walk import frames_of_recording
+    from vioapr.runtime.walk_checks import check_camera
+    from vioapr.scene.frames import Intrinsics, Tracking
+    from vioapr.scene.writer import RecordingWriter
+    from vioapr.schemas.recording import RecordingInfo
+
+    with RecordingWriter(tmp_path / "walk", RecordingInfo(tracker="none")) as writer:
+        camera = Intrinsics(64, 48, 60, 60, 32, 24)
+        writer.add_frame(0.0, "", None, Tracking.NORMAL, POSE, camera)
+    frames = frames_of_recording(tmp_path / "walk")
+    contract = OnnxLocalizer(model_of("chain")).contract
+    assert contract.regressor.camera is UNSET
+    assert check_camera(frames, contract) == []
+    known = structs.replace(contract.regressor, camera=(0.7, 1.0, 0.5, 0.5))
+    (found,) = check_camera(frames, structs.replace(contract, regressor=known))
+    assert "of another camera" in str(found)

@@ -45,7 +45,7 @@ from vioapr.runtime.walk import (
     frames_of_recording,
     localize,
 )
-from vioapr.runtime.walk_checks import check_localized, estimate_mount, mount_frames
+from vioapr.runtime.walk_checks import check_camera, check_localized, estimate_mount, mount_frames
 from vioapr.schemas.calibration import PairCalibration
 from vioapr.schemas.contract import Contract
 from vioapr.trajectory import Trajectory
@@ -147,7 +147,8 @@ def localize_(
 
         walk = localize(localizer, frames, step)
     given = str(vio or recording or images), str(gt) if gt else ""
-    found = check_localized(walk, *given, is_file=images is not None)
+    found = check_camera(frames, localizer.contract)
+    found += check_localized(walk, *given, is_file=images is not None)
     warn_of_tracks(found, strict=strict)
     fused = walk.fused
     if pair is not None:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import onnx
 import torch
+from msgspec import UNSET
 from torch import Tensor, nn
 
 from vioapr.errors import ParameterError
@@ -133,8 +134,7 @@ class Exporter:
             "preprocess": self._traced_preprocess,
             "network": self._network(precision, calibration),
         }
-        regressor = Regressor(self.spec.model, self.spec.scenes)
-        return _file(parts, describe_apr(self.preprocess, regressor, precision))
+        return _file(parts, describe_apr(self.preprocess, self._regressor, precision))
 
     def export_fusion(self, precision: str = "fp32") -> ExportedFile:
         """Export fusion alone, for a regressor of a precision."""
@@ -145,11 +145,15 @@ class Exporter:
         contract = describe_carry(self._contracts(precision)[1])
         return _file({"carry": self._traced_carry}, contract)
 
+    @property
+    def _regressor(self) -> Regressor:
+        camera = getattr(getattr(self.spec, "points", None), "camera", UNSET)
+        return Regressor(self.spec.model, self.spec.scenes, camera)
+
     def _contracts(self, precision: str) -> tuple[Contract, Contract]:
-        regressor = Regressor(self.spec.model, self.spec.scenes)
         return (
-            describe_apr(self.preprocess, regressor, precision),
-            describe_fusion(self.fusion, self._fused_names, regressor, precision),
+            describe_apr(self.preprocess, self._regressor, precision),
+            describe_fusion(self.fusion, self._fused_names, self._regressor, precision),
         )
 
     @cached_property

@@ -8,6 +8,7 @@ from typing import Literal
 Kind = Literal[
     "time-unit", "clock", "same", "swapped", "convention", "device", "scale", "no-fit", "axes",
     "rotations", "speed", "no-vio", "few", "frozen",
+    "camera",
 ]  # fmt: skip
 """Which check found it."""
 

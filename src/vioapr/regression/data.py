@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vioapr.errors import FileMissingError, TrainingError
 from vioapr.regression.cache import cached_images
+from vioapr.scene.cameras import relative_camera
 from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import CACHE_FOLDER, Scene
 from vioapr.trajectory import poses_of_frames
@@ -61,7 +62,6 @@ def posed_frames(scene: Scene, id_: str) -> PosedFrames:
     poses, rows = poses.at(has_gt), rows[has_gt]
     folder = scene.recording_folder(id_) / IMAGES_FOLDER
     chosen = frames.at_rows(rows)
-    width, height, fx, fy, cx, cy = (np.asarray(column) for column in chosen.intrinsics)
     return PosedFrames(
         scene.name,
         id_,
@@ -69,7 +69,7 @@ def posed_frames(scene: Scene, id_: str) -> PosedFrames:
         chosen.timestamp_s,
         poses.translation_m,
         poses.quat_xyzw,
-        np.stack([fx / width, fy / height, cx / width, cy / height], axis=-1),
+        relative_camera(chosen.intrinsics),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -19,10 +20,13 @@ from vioapr.regression.cache import read_images
 from vioapr.regression.checkpoint import LoadedRegressor, load
 from vioapr.regression.data import Samples
 from vioapr.regression.networks import PoseNetwork
+from vioapr.scene.cameras import describe_other_camera, relative_camera
 from vioapr.scene.predictions import Predictions, write_predictions
 from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import Scene
 from vioapr.trajectory import Trajectory
+
+_LOG = logging.getLogger(__name__)
 
 MEDIAN_OF_MEAN = 0.891
 """Median of the mean of three absolute values of Laplace's distribution of size 1: a third of
@@ -131,6 +135,10 @@ def predict_recording(
     folder = scene.recording_folder(id_) / IMAGES_FOLDER
     if not len(rows):
         raise FormatError(folder, "expected images, found none")
+    expected = getattr(regressor.spec.points, "camera", None)
+    camera = relative_camera(frames.at_rows(rows).intrinsics)
+    if problem := describe_other_camera(camera, expected):
+        _LOG.warning("%s: %s: take a model of this camera's recordings", id_, problem)
     images = read_images([folder / frames.image[row] for row in rows], regressor.spec.resize)
     predicted = predict_images(
         regressor.network, images, regressor.spec.crop, batch_size=batch_size, tick=tick

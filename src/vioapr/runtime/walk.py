@@ -19,6 +19,7 @@ from vioapr.geometry.rigid import Rigid3
 from vioapr.importers.base import Finding, ImportOptions
 from vioapr.importers.images import IMPORTER as IMAGES
 from vioapr.runtime.localizer import Located, OnnxLocalizer
+from vioapr.scene.cameras import relative_camera
 from vioapr.scene.frames import Tracking
 from vioapr.scene.recording import IMAGES_FOLDER, Recording
 from vioapr.scene.scene import RECORDINGS_FOLDER, Scene
@@ -36,6 +37,7 @@ class WalkFrames:
         vio_from_cam: Shape (n,); y-up tracking world, OpenCV camera; NaN where lost.
         tracking_reset: Shape (n,), whether the tracking world is a new one.
         gt: Ground truth, or None.
+        camera: See `vioapr.scene.cameras.relative_camera`, of some or all images; None if unknown.
         tables: Files that were read, beside images.
         findings: Warnings of the reader.
     """
@@ -46,6 +48,7 @@ class WalkFrames:
     vio_from_cam: Rigid3
     tracking_reset: NDArray[np.bool_]
     gt: Trajectory | None = None
+    camera: NDArray[np.float64] | None = None
     tables: tuple[Path, ...] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -97,7 +100,14 @@ def frames_of_recording(folder: Path) -> WalkFrames:
         tables += scene.tables()
     resets = frames.tracking == Tracking.RESET
     return WalkFrames(
-        recording.id, frames.timestamp_s, images, frames.vio_from_cam, resets, gt, tuple(tables)
+        recording.id,
+        frames.timestamp_s,
+        images,
+        frames.vio_from_cam,
+        resets,
+        gt,
+        relative_camera(frames.intrinsics),
+        tuple(tables),
     )
 
 

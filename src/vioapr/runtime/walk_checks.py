@@ -15,6 +15,8 @@ from vioapr.formats.walk_checks import check_walk
 from vioapr.geometry.hand_eye import HandEye
 from vioapr.runtime.localizer import Located, OnnxLocalizer
 from vioapr.runtime.walk import LocalizedWalk, WalkFrames, localize
+from vioapr.scene.cameras import describe_other_camera
+from vioapr.schemas.contract import Contract
 
 MOUNT_FRAMES = 300
 """How many frames, spread over a walk, tell how its camera is mounted."""
@@ -47,6 +49,17 @@ def estimate_mount(
     if predictions is None or vio is None:
         raise AssociationError("vio_from_cam: expected frames with an image and a pose, got none")
     return estimate_body_from_cam(vio, predictions)
+
+
+def check_camera(frames: WalkFrames, contract: Contract) -> list[TrackWarning]:
+    """Find that images are of another camera than a file's regressor knows."""
+    camera = np.zeros((0, 4)) if frames.camera is None else frames.camera
+    expected = contract.regressor.camera
+    problem = describe_other_camera(camera, expected if isinstance(expected, tuple) else None)
+    if problem is None:
+        return []
+    remedy = "take a file that was made from this camera's recordings"
+    return [TrackWarning("camera", problem, remedy)]
 
 
 def check_localized(

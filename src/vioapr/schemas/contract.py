@@ -97,10 +97,13 @@ class Regressor(Record, frozen=True):
     Attributes:
         model: Its name.
         scenes: Names of the scenes that it knows.
+        camera: The one camera whose images it takes: fx, fy, cx, cy over the image's width and
+            height; missing if it takes any.
     """
 
     model: str = ""
     scenes: tuple[str, ...] = ()
+    camera: tuple[float, float, float, float] | msgspec.UnsetType = msgspec.UNSET
 
 
 class Contract(Document, frozen=True, kw_only=True):

@@ -59,6 +59,8 @@ class PointsShape(Record, frozen=True):
     Attributes:
         views: Pictures in it.
         retrieval: The index that finds them.
+        camera: Of all its pictures, and of those that it may be asked for: fx, fy, cx, cy over the
+            image's width and height.
         points: Of each picture.
         keypoints: Of the image that is asked for.
         neighbours: Views that are compared with it.
@@ -66,6 +68,7 @@ class PointsShape(Record, frozen=True):
 
     views: Annotated[int, msgspec.Meta(ge=1)]
     retrieval: RetrievalShape
+    camera: tuple[float, float, float, float]
     points: Annotated[int, msgspec.Meta(ge=64)] = 256
     keypoints: Annotated[int, msgspec.Meta(ge=64)] = 1024
     neighbours: Annotated[int, msgspec.Meta(ge=1)] = 10

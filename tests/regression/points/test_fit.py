@@ -75,6 +75,7 @@ def test_images_of_another_walk_are_found_to_centimetres(fitted, walks):
     assert (error_m[is_sure] < 0.1).all()
     assert fitted.trained.map.sure > 0.8
     assert fitted.trained.map.points > 500
+    np.testing.assert_allclose(fitted.spec.points.camera, test.camera[0], atol=1e-6)
 
 
 @needs_weights

@@ -184,7 +184,7 @@ def to_accuracy(group: GroupRecord) -> AccuracyRecord:
 def badness(localizer: BuiltLocalizer) -> float:
     """Median error of what is answered on test recordings, over the share that is; lower is better.
 
-    Infinite where nothing is known: of two such, the first stays first.
+    Infinite where nothing is known.
     """
     rows = [
         row

@@ -121,7 +121,9 @@ class _Build:
         for model in others:  # meanwhile the first one can be used
             made = LocalizerSteps(self.scene, self.params, model, self.runner).run(inputs)
             localizers.append(made)
-            summary = self._publish(checked, mapped, sorted(localizers, key=badness))
+            # Where nothing is known of any, what was to be better is taken.
+            order = sorted(localizers[::-1], key=badness)
+            summary = self._publish(checked, mapped, order)
         return summary
 
     def _check(self, is_resumed: bool) -> CheckedScene:

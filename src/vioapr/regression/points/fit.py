@@ -145,7 +145,10 @@ def fit_points(
         scene, plan.frames, index_mb=_WHOLE_INDEX_MB, image_size=image_size // 2, tick=tick
     )
     assert isinstance(index.spec.retrieval, RetrievalShape)
-    shape = PointsShape(plan.views, index.spec.retrieval, neighbours=min(10, plan.views))
+    fx, fy, cx, cy = camera.tolist()
+    shape = PointsShape(
+        plan.views, index.spec.retrieval, (fx, fy, cx, cy), neighbours=min(10, plan.views)
+    )
     spec = RegressorSpec(POINTS, (scene,), "quat", image_size, image_size, points=shape)
     network = PointsNetwork(shape).eval()
     network.retrieval.load_state_dict(index.network.state_dict())
