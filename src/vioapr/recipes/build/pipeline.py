@@ -122,8 +122,8 @@ class _Build:
             made = LocalizerSteps(self.scene, self.params, model, self.runner).run(inputs)
             localizers.append(made)
             # Where nothing is known of any, what was to be better is taken.
-            order = sorted(localizers[::-1], key=badness)
-            summary = self._publish(checked, mapped, order)
+            newest_first = list(reversed(localizers))
+            summary = self._publish(checked, mapped, sorted(newest_first, key=badness))
         return summary
 
     def _check(self, is_resumed: bool) -> CheckedScene:
