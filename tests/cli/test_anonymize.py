@@ -5,6 +5,7 @@ import pytest
 
 from vioapr.cli import scene as verb
 from vioapr.errors import MissingExtraError
+from vioapr.files import published
 from vioapr.files.images import encode_image, read_rgb
 from vioapr.scene import faces
 from vioapr.scene.faces import Face
@@ -58,7 +59,7 @@ def test_an_import_blurs_what_it_wrote_and_goes_on(run, words, source, tmp_path,
 
 
 def test_without_the_detector_nothing_is_imported(fails, words, tmp_path, monkeypatch):
-    monkeypatch.setattr(faces, "find_spec", lambda name: None)
+    monkeypatch.setattr(published, "find_spec", lambda name: None)
     line = fails(*words, "--anonymize")
     assert "vioapr[anonymize]" in line
     assert not (tmp_path / "scene").exists()

@@ -9,6 +9,7 @@ from PIL import Image, ImageDraw
 from torch.nn import functional
 
 from vioapr.errors import FormatError, MissingExtraError
+from vioapr.files import published
 from vioapr.regression import pretrained, run
 from vioapr.regression.augmentation import middle_crop
 from vioapr.regression.checkpoint import load_backbone_weights, read_state_dict
@@ -165,7 +166,7 @@ def test_weights_of_another_network_are_refused(tmp_path):
 
 
 def test_the_extra_is_named_where_it_is_missing(monkeypatch):
-    monkeypatch.setattr(pretrained, "find_spec", lambda name: None)
+    monkeypatch.setattr(published, "find_spec", lambda name: None)
     assert not pretrained.has_pretrained()
     with pytest.raises(MissingExtraError, match=r"model efficientnet-lite0 needs .*\[pretrained\]"):
         run.prepare_run([], run.ChosenFrames([], []), SPEC, TrainingParams(), None)

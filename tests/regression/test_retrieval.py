@@ -8,6 +8,7 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 from tests.regression.toy import make_scene  # noqa: E402
 
 from vioapr.errors import MissingExtraError, ParameterError, TrainingError  # noqa: E402
+from vioapr.files import published  # noqa: E402
 from vioapr.geometry import quaternion  # noqa: E402
 from vioapr.regression import pretrained  # noqa: E402
 from vioapr.regression.cache import read_images  # noqa: E402
@@ -141,7 +142,7 @@ def test_what_an_index_cannot_be_made_of(scene, monkeypatch):
     few = ChosenFrames([thin(frames.learning[0], 4)], [])
     with pytest.raises(TrainingError, match="at least 10 training images, got 4"):
         fit_retrieval("Box", few)
-    monkeypatch.setattr(pretrained, "find_spec", lambda name: None)
+    monkeypatch.setattr(published, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"vioapr\[pretrained\]"):
         fit_retrieval("Box", frames)
 

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from vioapr.errors import FormatError, MissingExtraError
+from vioapr.files import published
 from vioapr.files.images import encode_image, read_rgb
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
@@ -236,15 +237,15 @@ def test_blur_keeps_what_is_around_a_face_and_takes_boxes_at_the_edge():
 
 
 def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    monkeypatch.setattr(published, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"vioapr\[anonymize\]"):
         find_network()
 
 
 def test_another_network_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "_SHA256", "0" * 64)
+    monkeypatch.setattr(module, "_NETWORK", module._NETWORK._replace(sha256="0" * 64))
     monkeypatch.setattr(
-        module, "find_spec",
+        published, "find_spec",
         lambda name: type("Spec", (), {"submodule_search_locations": [str(tmp_path)]}),
     )  # fmt: skip
     with pytest.raises(FormatError, match="expected the network of SHA-256 0000"):

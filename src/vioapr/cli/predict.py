@@ -10,9 +10,9 @@ import tyro
 from vioapr.cli.console import progress, say
 from vioapr.cli.torch_extra import require_torch
 from vioapr.errors import ParameterError
+from vioapr.files.digests import digest_of
 from vioapr.mapping.localization.params import PointMapParams
 from vioapr.plurals import count_of
-from vioapr.scene.gt_origin import digest_of
 from vioapr.scene.scene import Scene
 from vioapr.schemas.regressor import REGRESSOR_FILE
 

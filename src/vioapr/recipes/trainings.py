@@ -6,13 +6,13 @@ predictions which regressor made them.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from vioapr.errors import FileMissingError, ParameterError, VioAprError
+from vioapr.files.digests import digest_of
 from vioapr.files.text import read_text, write_text
 from vioapr.recipes.datasets import DataSet
 from vioapr.recipes.paper import Configuration, as_published, differences
@@ -189,10 +189,7 @@ def predicted_note(training: Training, scene: str) -> PredictionNote | None:
 def regressor_digest(training: Training) -> str:
     """Compute the SHA-256 of the regressor's file; "" if there is none."""
     path = training.folder / REGRESSOR_FILE
-    if not path.exists():
-        return ""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return digest_of(path) if path.exists() else ""
 
 
 def read_note(path: Path, kind: type[RecordType]) -> RecordType | None:

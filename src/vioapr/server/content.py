@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
 from vioapr.errors import FileMissingError
-from vioapr.server.transfers import hash_file
+from vioapr.files.digests import digest_of
 
 _MEDIA_TYPES = {
     ".onnx": "application/octet-stream",
@@ -45,7 +45,7 @@ class Hashes:
                 known = self._known.get(path)
             if known is not None and known[0] == mark:
                 return known[1]
-            sha256 = hash_file(path)
+            sha256 = digest_of(path)
         except OSError:
             raise FileMissingError(path.name, "expected a file, found none of this name") from None
         with self._change:

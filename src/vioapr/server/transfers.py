@@ -22,6 +22,7 @@ from starlette.requests import ClientDisconnect, Request
 
 from vioapr.errors import AlreadyExistsError, FileMissingError
 from vioapr.files.atomic import put_new, sync
+from vioapr.files.digests import digest_of
 from vioapr.files.text import read_text, write_text
 from vioapr.scene.scene import check_id
 from vioapr.schemas.base import decode, encode
@@ -104,7 +105,7 @@ class Transfers:
         return [
             name
             for name, sha256 in sorted(hashes.items())
-            if not (folder / name).is_file() or hash_file(folder / name) != sha256
+            if not (folder / name).is_file() or digest_of(folder / name) != sha256
         ]
 
     def complete(self, id_: str, document: TransferDocument) -> None:
@@ -194,7 +195,7 @@ class Transfers:
             except AlreadyExistsError:
                 # Nobody links here but on purpose, and then it is not the client's file.
                 is_file = target.is_file() and not target.is_symlink()
-                if not is_file or hash_file(target) != sha256:
+                if not is_file or digest_of(target) != sha256:
                     raise Refusal(409, f"{target.name} is there with other content") from None
                 status = 200
         sync(target.parent)  # also of a file that another request has just put
@@ -239,12 +240,6 @@ async def receive_body(
             raise too_long
         digest.update(block)
         write(block)
-
-
-def hash_file(path: Path) -> str:
-    """The SHA-256 of a file's content, in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _make_folders(folder: Path, above: Path) -> None:

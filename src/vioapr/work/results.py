@@ -7,7 +7,6 @@ ones are made beside them and moved in when all are whole.
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
@@ -22,6 +21,7 @@ from vioapr.files.atomic import (
     sync_folder,
     write_atomically,
 )
+from vioapr.files.digests import digest_of
 from vioapr.files.outputs import is_stream
 from vioapr.schemas.base import decode, encode
 from vioapr.schemas.written import WrittenFile, WrittenFiles
@@ -147,7 +147,7 @@ class ResultFolder:
         """
         files = self._read_note()
         for name in names:
-            files[name] = WrittenFile(sha256=(_digest(self.folder / name),))
+            files[name] = WrittenFile(sha256=(digest_of(self.folder / name),))
         self._write_note(files)
 
     def _move_in(self, partial: Path, made_from: Mapping[str, str], all_of: Iterable[str]) -> None:
@@ -161,7 +161,7 @@ class ResultFolder:
                 self._check_own(target, files, new=path)
             earlier = files[name].sha256[-1:] if name in files else ()
             files[name] = WrittenFile(
-                sha256=(*earlier, _digest(path)), made_from=made_from.get(name, "")
+                sha256=(*earlier, digest_of(path)), made_from=made_from.get(name, "")
             )
         sync_folder(partial)
         self._write_note(files)
@@ -228,7 +228,7 @@ class ResultFolder:
             return
         if self.overwrite or self._is_own(path, files):
             return
-        if new is not None and _digest(new) == _digest(path):
+        if new is not None and digest_of(new) == digest_of(path):
             return
         raise AlreadyExistsError(
             path,
@@ -238,7 +238,7 @@ class ResultFolder:
 
     def _is_own(self, path: Path, files: Mapping[str, WrittenFile]) -> bool:
         noted = files.get(path.relative_to(self.folder).as_posix())
-        return noted is not None and _digest(path) in noted.sha256
+        return noted is not None and digest_of(path) in noted.sha256
 
     def _read_note(self) -> dict[str, WrittenFile]:
         """What the note says; a note that is missing or broken says nothing."""
@@ -318,8 +318,3 @@ def _put_folder(partial: Path, target: Path, overwrite: bool, patterns: Iterable
 
 def _files_in(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from vioapr.errors import ParameterError
 from vioapr.evaluation.view_coverage import Views, views_of
+from vioapr.files.digests import digest_of
 from vioapr.files.paths import AnyPath
-from vioapr.scene.gt_origin import digest_of
 from vioapr.scene.recording import IMAGES_FOLDER
 from vioapr.scene.scene import SPLITS, Scene
 from vioapr.work.steps import fingerprint

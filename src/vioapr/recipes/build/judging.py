@@ -13,10 +13,10 @@ from vioapr.evaluation.cases import Case, load_cases
 from vioapr.evaluation.evaluate import Result, count_ticks
 from vioapr.evaluation.tables import Group, tabulate
 from vioapr.evaluation.view_coverage import Views, count_support, views_of
+from vioapr.files.digests import digest_of
 from vioapr.fusion.calibrated import write_calibration
 from vioapr.fusion.chain.method import METHOD as CHAIN
 from vioapr.fusion.methods import default_params
-from vioapr.scene.gt_origin import digest_of
 from vioapr.scene.scene import Scene
 from vioapr.scene.walks import find_walks
 from vioapr.schemas.base import Record
