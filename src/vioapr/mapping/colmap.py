@@ -95,3 +95,9 @@ def world_from_cam(image: pycolmap.Image) -> Rigid3:
         np.array(cam_from_world.translation, dtype=np.float64),
         np.array(cam_from_world.rotation.quat, dtype=np.float64),
     ).inverse()
+
+
+def to_rigid3d(pose: Rigid3) -> Any:
+    """COLMAP's form of a pose."""
+    pycolmap = load_pycolmap()
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(pose.quat_xyzw), pose.translation_m)

@@ -19,6 +19,7 @@ from vioapr.mapping.colmap import (
     load_pycolmap,
     open_database,
     registered_images,
+    to_rigid3d,
     translated_errors,
 )
 from vioapr.mapping.params import MappingParams
@@ -119,9 +120,7 @@ class _GrowingModel:
         self.mapper.begin_reconstruction(self.model)
 
     def _set_pose(self, image: Any, cam_from_world: Rigid3) -> None:
-        pycolmap = load_pycolmap()
-        rotation = pycolmap.Rotation3d(cam_from_world.quat_xyzw)
-        pose = pycolmap.Rigid3d(rotation, cam_from_world.translation_m)
+        pose = to_rigid3d(cam_from_world)
         self.model.frame(image.frame_id).set_cam_from_world(image.camera_id, pose)
         self.model.register_frame(image.frame_id)
 

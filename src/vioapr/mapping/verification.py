@@ -18,7 +18,7 @@ from scipy.special import gammaln
 
 from vioapr.geometry import quaternion
 from vioapr.geometry.rigid import Rigid3
-from vioapr.mapping.colmap import load_pycolmap
+from vioapr.mapping.colmap import load_pycolmap, to_rigid3d
 
 MIN_INLIERS = 15
 """Matches that must agree on a geometry; COLMAP's own limit for using a pair."""
@@ -104,10 +104,9 @@ def verify(
 def _geometry_of(first_from_second: Rigid3, matches: NDArray[np.uint32]) -> Any:
     """The geometry of known poses."""
     pycolmap = load_pycolmap()
-    offset, quat = first_from_second.inverse()
     geometry = pycolmap.TwoViewGeometry()
     geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
-    geometry.cam2_from_cam1 = pycolmap.Rigid3d(pycolmap.Rotation3d(quat), offset)
+    geometry.cam2_from_cam1 = to_rigid3d(first_from_second.inverse())
     geometry.E = pycolmap.essential_matrix_from_pose(geometry.cam2_from_cam1)
     geometry.inlier_matches = matches
     return geometry

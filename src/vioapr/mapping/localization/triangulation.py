@@ -10,9 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vioapr.geometry import rigid
-from vioapr.geometry.rigid import Rigid3
 from vioapr.geometry.vectors import angle_between_deg
-from vioapr.mapping.colmap import load_pycolmap, open_database, translated_errors, write_model
+from vioapr.mapping.colmap import (
+    load_pycolmap,
+    open_database,
+    to_rigid3d,
+    translated_errors,
+    write_model,
+)
 from vioapr.mapping.features import Sift, unit_descriptors
 from vioapr.mapping.localization.cameras import to_colmap
 from vioapr.mapping.localization.posed_images import PosedImage
@@ -149,12 +154,5 @@ def make_model(images: Sequence[PosedImage], features: Mapping[str, Sift]) -> An
         image.camera_id = number[posed.camera]
         pixels = features[posed.name].keypoints[:, :2].astype(np.float64)
         image.points2D = pycolmap.Point2DList([pycolmap.Point2D(pixel) for pixel in pixels])
-        model.add_image_with_trivial_frame(image, cam_from_world(posed.world_from_cam))
+        model.add_image_with_trivial_frame(image, to_rigid3d(posed.world_from_cam.inverse()))
     return model
-
-
-def cam_from_world(world_from_cam: Rigid3) -> Any:
-    """COLMAP's form of a pose."""
-    pycolmap = load_pycolmap()
-    inverse = world_from_cam.inverse()
-    return pycolmap.Rigid3d(pycolmap.Rotation3d(inverse.quat_xyzw), inverse.translation_m)
