@@ -12,7 +12,7 @@ from vioapr.geometry.rigid import Rigid3, between
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
-from vioapr.export.graph import FusionGraph  # noqa: E402
+from vioapr.export.graph import CarryGraph, FusionGraph  # noqa: E402
 
 IDENTITY = np.array([0, 0, 0, 0, 0, 0, 1], dtype=np.float32)
 
@@ -99,7 +99,7 @@ def test_a_frame_without_prediction_is_carried_the_same(name, walk):
         one = torch.ones(1)
         tensors = (torch.from_numpy(vio), *(one * flag for flag in flags))
         with torch.no_grad():
-            carried = graph.carry(*tensors, state, params_of(graph))
+            carried = CarryGraph(graph)(*tensors, state, params_of(graph))
         is_same = all(torch.equal(outputs[k].isnan(), carried[k].isnan()) for k in outputs)
         if row >= 8 and row != 10:
             assert is_same

@@ -187,7 +187,7 @@ class Exporter:
 
     @cached_property
     def _traced_carry(self) -> onnx.ModelProto:
-        return trace_carry(self.fusion, self._fused_names)
+        return trace_carry(self.fusion, describe_carry(self._contracts("fp32")[1]))
 
     @property
     def _fused_names(self) -> tuple[str, ...]:
@@ -205,11 +205,11 @@ def trace_fusion(fusion: FusionGraph) -> tuple[onnx.ModelProto, tuple[str, ...]]
     return trace(fusion, example_inputs(fusion), names), names
 
 
-def trace_carry(fusion: FusionGraph, names: tuple[str, ...]) -> onnx.ModelProto:
-    """The step of frames without prediction, as a graph of its own."""
-    left_out = (*AprPose._fields, "has_apr", "image_timestamp_s", "image_vio_from_cam")
-    inputs = {k: v for k, v in example_inputs(fusion).items() if k not in left_out}
-    return trace(CarryGraph(fusion).eval(), inputs, names)
+def trace_carry(fusion: FusionGraph, contract: Contract) -> onnx.ModelProto:
+    """The step of frames without prediction, as a graph of its own with a contract's inputs."""
+    example = example_inputs(fusion)
+    inputs = {spec.name: example[spec.name] for spec in contract.inputs}
+    return trace(CarryGraph(fusion).eval(), inputs, contract.output_names)
 
 
 def example_inputs(fusion: FusionGraph) -> dict[str, Tensor]:

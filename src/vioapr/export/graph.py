@@ -149,37 +149,18 @@ class FusionGraph(nn.Module):
             apr_sigma_orientation_deg * (math.pi / 180),
         )
         picture = Picture(image_timestamp_s, *_read_pose(image_vio_from_cam, torch.ones(1)))
-        running = Session(self.method, self._numbers(params))
-        after, estimate = session.step(running, self._unpack(state), frame, picture)
-        return self._name_outputs(after, estimate)
+        running = Session(self.method, self.numbers(params))
+        after, estimate = session.step(running, self.unpack(state), frame, picture)
+        return self.name_outputs(after, estimate)
 
-    def carry(
-        self,
-        vio_from_cam: Tensor,
-        timestamp_s: Tensor,
-        tracking_ok: Tensor,
-        tracking_reset: Tensor,
-        state: Tensor,
-        params: Tensor | None = None,
-    ) -> dict[str, Tensor]:
-        """One frame without prediction."""
-        vio, is_tracked = _read_pose(vio_from_cam, tracking_ok)
-        nobody = torch.zeros(1) > 0
-        frame = FrameInput(
-            timestamp_s, vio, nobody, vio, is_tracked, tracking_reset > 0.5,
-            torch.ones(1), torch.ones(1),
-        )  # fmt: skip
-        running = Session(self.method, self._numbers(params))
-        return self._name_outputs(*session.carry(running, self._unpack(state), frame))
-
-    def _unpack(self, state: Tensor) -> Any:
-        # A state of another graph counts as none.
+    def unpack(self, state: Tensor) -> Any:
+        """The session's state; one of another graph counts as none."""
         is_ours = state[:1] == self.initial_state[:1]
         state = torch.where(is_ours, state, self.initial_state)
         _, *pieces = state.split([1, *(leaf.size for leaf in self.layout.leaves)])
         return self.layout.unpack(pieces)
 
-    def _numbers(self, params: Tensor | None) -> Any:
+    def numbers(self, params: Tensor | None) -> Any:
         """The method's parameters, those that are inputs as given."""
         if params is None:
             return self.params
@@ -187,7 +168,7 @@ class FusionGraph(nn.Module):
         fixed = {field.name: getattr(self.params, field.name) for field in fields(self.params)}
         return SimpleNamespace(**(fixed | values))
 
-    def _name_outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:
+    def name_outputs(self, after: Any, estimate: Estimate) -> dict[str, Tensor]:
         """The outputs, by name, of the state after a step and its estimate."""
         pose = _flat(estimate.world_from_cam)
         next_state = torch.cat([self.initial_state[:1], *self.layout.pack(after)])
@@ -268,9 +249,15 @@ class CarryGraph(nn.Module):
         params: Tensor | None = None,
     ) -> dict[str, Tensor]:
         """One frame; see docs/reference/contract.md for the tensors."""
-        return self.fusion.carry(
-            vio_from_cam, timestamp_s, tracking_ok, tracking_reset, state, params
-        )
+        vio, is_tracked = _read_pose(vio_from_cam, tracking_ok)
+        nobody = torch.zeros(1) > 0
+        frame = FrameInput(
+            timestamp_s, vio, nobody, vio, is_tracked, tracking_reset > 0.5,
+            torch.ones(1), torch.ones(1),
+        )  # fmt: skip
+        fusion = self.fusion
+        running = Session(fusion.method, fusion.numbers(params))
+        return fusion.name_outputs(*session.carry(running, fusion.unpack(state), frame))
 
 
 def with_room(params: Any) -> Any:
