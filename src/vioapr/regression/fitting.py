@@ -60,13 +60,14 @@ def prepare_fit(
     if model == POINTS:
         if options.weights is not None:
             raise ParameterError(f"weights: model {POINTS} has its own, pinned by their hash")
-        plan = points.plan_points(frames, options.size_mb or points.MAP_MB)
-        size = options.resize or points.IMAGE_SIZE
+        map_mb = points.MAP_MB if options.size_mb is None else options.size_mb
+        plan = points.plan_points(frames, map_mb)
+        size = points.IMAGE_SIZE if options.resize is None else options.resize
         return PreparedFit(
             plan.images, lambda tick: points.fit_points(scene, plan, image_size=size, tick=tick)
         )
-    index_mb = options.size_mb or retrieval.INDEX_MB
-    size = options.resize or retrieval.IMAGE_SIZE
+    index_mb = retrieval.INDEX_MB if options.size_mb is None else options.size_mb
+    size = retrieval.IMAGE_SIZE if options.resize is None else options.resize
     thinned = retrieval.thin_frames(frames, index_mb)
     return PreparedFit(
         thinned.images,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vioapr.errors import ParameterError
-from vioapr.regression.pretrained import LITE0, POINTS, RETRIEVAL, has_pretrained, has_xfeat
+from vioapr.regression.pretrained import FITTED, LITE0, POINTS, RETRIEVAL, has_pretrained, has_xfeat
 
 
 @dataclass(frozen=True)
@@ -52,4 +52,6 @@ class BuildParams:
 
     def inputs_of(self, model: str) -> list[object]:
         """What a fitted regressor depends on, beside the scene."""
+        if model in FITTED:
+            return [model]
         return [model, self.epochs, self.resize, self.crop, self.seed]

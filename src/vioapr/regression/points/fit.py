@@ -53,7 +53,7 @@ _POINTS = 256
 _BYTES_A_VIEW = _POINTS * (DESCRIPTOR + 12) + 1024
 _CANDIDATES_A_VIEW = 4
 _SHARE = 2
-"""A view for so many candidates is enough where they are neighbours in a walk."""
+"""One view of this number of candidates: neighbours in a walk see the same."""
 
 _FEWEST_VIEWS = 10
 _OTHERS = 12
